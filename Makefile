@@ -135,7 +135,7 @@ install/.built: $(VENV)/.installed install/.files package.xml setup.py setup.cfg
 	rm -rf build/mbaid_ros install/mbaid_ros; \
 	"$(BIN)/python" scripts/link_workspace.py && . "$(VENV)/local_setup.sh" && \
 	colcon --log-level error build --event-handlers console_start_end- status- summary- desktop_notification- || exit 1; \
-	. install/setup.sh && "$(BIN)/python" -m compileall -q mbaid_ros && "$(BIN)/python" -c 'import mbaid_ros.replay.command'; \
+	. install/setup.sh && "$(BIN)/python" -m compileall -q mbaid_ros && "$(BIN)/python" -c 'import mbaid_ros.replay.replay'; \
 	echo "   $$(($$(date +%s) - start)) s"
 	@touch $@
 

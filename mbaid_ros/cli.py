@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from typing import NoReturn
 
-from mbaid_ros.core.errors import MbaidError, ParameterError, listing
+from mbaid_ros.errors import MbaidError, ParameterError, listing
 
 EXIT_USER_ERROR = 2
 EXIT_NOT_DETERMINED = 3  # the data do not determine the result

@@ -9,11 +9,36 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.core.results.estimate import Debris, DebrisPublication, Estimate, Event, InertiaPublication
+from mbaid_ros.core.results.budget import PARAMETERS
+from mbaid_ros.core.results.estimate import Estimate, Event, is_usable
+from mbaid_ros.core.target import Debris, DebrisPublication
+from mbaid_ros.joint_trajectory import JointTrajectory
+
+
+class InertiaPublication:
+    """The mass properties of estimates that follow each other."""
+
+    def __init__(self) -> None:
+        self._published = False  # whether the last ones can be used
+
+    def next_published(self, estimate: Estimate) -> Estimate | None:
+        """Return the next estimate, without its numbers where these cannot be used; None where that is known."""
+        before, self._published = self._published, is_usable(estimate)
+        if self._published:
+            return estimate
+        return replace(estimate, parameters=np.full(10, np.nan)) if before else None
+
+
+def parameters_of(message: Any) -> Array:
+    """Return mass, centre of mass and inertia, (10,), of an InertiaEstimate; NaN where not identifiable."""
+    inertia = message.inertia
+    tensor = (getattr(inertia, name) for name in PARAMETERS[4:])
+    values = np.array([inertia.m, inertia.com.x, inertia.com.y, inertia.com.z, *tensor], dtype=float)
+    return np.where(np.asarray(message.identifiable, dtype=bool), values, np.nan)
+
 
 if TYPE_CHECKING:
-    from mbaid_ros.core.capture.known_momentum import Capture
+    from mbaid_ros.core.capture import Capture
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mbaid_ros import limits
-from mbaid_ros.core.errors import DataError, MbaidError, ParameterError
+from mbaid_ros.errors import DataError, MbaidError, ParameterError
 
 _PART = 40  # characters of a name that the name of a file in the making has
 

@@ -7,14 +7,14 @@ from functools import partial
 
 import numpy as np
 
-from mbaid_ros.config.environment import make_orbit, make_storage
-from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.config.trajectory import read_trajectory
-from mbaid_ros.core.errors import DataError, ParameterError, listing
+from mbaid_ros.config.motion_files import read_trajectory
+from mbaid_ros.config.simulator_parameters import SimulatorConfig
 from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.orbit import make_orbit
 from mbaid_ros.core.robot.model import Link, RobotModel
-from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.core.robot.momentum import is_physical, standard
+from mbaid_ros.core.wheels import make_storage
+from mbaid_ros.errors import DataError, ParameterError, listing
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.changes import CaptureSimulation, Pulse, Target, ThrustSimulation
 from mbaid_ros.simulation.dynamics import State
@@ -38,7 +38,7 @@ from mbaid_ros.simulation.simulation import (
     without_linear_momentum,
 )
 from mbaid_ros.simulation.steered import SteeredMotion, TrajectoryMotion, motion_along
-from mbaid_ros.simulation.true_robot import ErrorStds, draw, generator
+from mbaid_ros.simulation.true_robot import ErrorStds, ModelErrors, draw, generator
 
 _QUATERNION_TOLERANCE = 1e-3
 _NOT_OF_LINKS = ('seed', 'frequency_relative_std')  # of the model errors

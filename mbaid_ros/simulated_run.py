@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.errors import DataError
+from mbaid_ros.config.simulator_parameters import SimulatorConfig
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
+from mbaid_ros.errors import DataError
 from mbaid_ros.estimate_messages import Frames, MessageTypes, inertia_message, time_message
+from mbaid_ros.joint_trajectory import JointTrajectory
 from mbaid_ros.sensor_messages import (
     SENSOR_TYPES,
     Imu,

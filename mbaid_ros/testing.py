@@ -22,9 +22,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from mbaid_ros.core.errors import ParameterError, listing
-from mbaid_ros.core.results.parameters import PARAMETERS
-from mbaid_ros.messages.fields import parameters_of
+from mbaid_ros.core.results.budget import PARAMETERS
+from mbaid_ros.errors import ParameterError, listing
+from mbaid_ros.estimate_messages import parameters_of
 from mbaid_ros.nodes.subscriptions import LOST
 
 Until = Literal['estimating', 'converged', 'stale']

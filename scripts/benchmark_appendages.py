@@ -12,13 +12,12 @@ from benchmarks.frame import PUBLISHED, Frame, Runs, declared, number, percent, 
 from benchmarks.honesty.runs import FAR
 from benchmarks.precapture import POSTURE
 from mbaid_ros.bags import BAG_TYPES
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file
-from mbaid_ros.config.model_errors import EXACT
-from mbaid_ros.config.parameters import build
-from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
+from mbaid_ros.config.parameter_files import load_parameter_file
+from mbaid_ros.config.simulator_parameters import SimulatorConfig
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.parameters import BAND
+from mbaid_ros.core.results.budget import BAND
+from mbaid_ros.parameters import build
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
 

@@ -13,15 +13,15 @@ import numpy as np
 
 from benchmarks.benches import Twin, spot_2021, spot_2023
 from benchmarks.frame import PUBLISHED, Frame, Runs, statuses, table
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file
-from mbaid_ros.config.parameters import build
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.config.parameter_files import load_parameter_file
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.parameters import BAND
+from mbaid_ros.core.results.budget import BAND
+from mbaid_ros.parameters import build
 from mbaid_ros.recordings.recording import MODEL_FILE, PARAMETER_FILE, Recording, write_recording
 from mbaid_ros.recordings.spot import read_spot_2021, read_spot_2023
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.run import replay_bag
+from mbaid_ros.replay.one_bag import replay_bag
 
 BODY = [0, 1, 2, 9]  # mass, CoM in the plane, moment about its normal
 HEADER = ('twin', 'status', 'within 95 %', 'errors in standard deviations, RMS', 'RMSE of the mass', 'of the moment')

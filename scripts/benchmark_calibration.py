@@ -11,25 +11,22 @@ from benchmarks.data import NOISE, drawn, exact_samples, model, motion_of, targe
 from benchmarks.data import motion as robot_motion
 from benchmarks.frame import Frame, Runs, declared
 from benchmarks.precapture import GENERAL, WEIGHED, cad_model, factors, free_model, motion, windows
-from mbaid_ros.calibration.calibrate import CalibrationSettings, calibrate
+from mbaid_ros.calibration.calibration import CalibrationSettings, calibrate
 from mbaid_ros.calibration.result import Calibration
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.model_errors import EXACT
-from mbaid_ros.config.parameters import build
-from mbaid_ros.core.filter.state import Declared
+from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
+from mbaid_ros.core.contracts import NominalModel, uncertain
 from mbaid_ros.core.geometry import Array, cross
+from mbaid_ros.core.joints.model import joint_placements
+from mbaid_ros.core.links import BodyDeviations
+from mbaid_ros.core.odometry.model import odometry_mount
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.kinematics import Kinematics
-from mbaid_ros.core.robot.model import RobotModel, displaced
-from mbaid_ros.core.robot.model_errors import BodyDeviations
+from mbaid_ros.core.robot.model import Kinematics, RobotModel, displaced
+from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.unknowns.base import odometry_mount
-from mbaid_ros.core.unknowns.catalogue import CalibratedModel
-from mbaid_ros.core.unknowns.declaration import NominalModel, uncertain
-from mbaid_ros.core.unknowns.joints import joint_placements
-from mbaid_ros.session.known_robot import KnownRobot
+from mbaid_ros.core.state import Declared
+from mbaid_ros.parameters import build
 from mbaid_ros.session.methods import make_estimator
+from mbaid_ros.session.robot import CalibratedModel, KnownRobot
 from mbaid_ros.simulation.true_robot import ErrorStds, true_robot
 
 SECONDS = 120.0

@@ -11,12 +11,11 @@ from benchmarks.data import CONFIG, NOISE, RATE, history, model, simulator_confi
 from benchmarks.frame import Frame, Runs, declared, number, percent
 from benchmarks.honesty.paths import servicer
 from benchmarks.precapture import free_urdf
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.model_errors import EXACT
-from mbaid_ros.config.parameters import build
+from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.momentum import physical
+from mbaid_ros.parameters import build
 from mbaid_ros.replay.campaigns.statistics import coverage
 from mbaid_ros.sensor_messages import Joints, Poses, Thrust, joints_of, poses_of
 from mbaid_ros.session.session import Session

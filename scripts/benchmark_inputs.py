@@ -20,8 +20,8 @@ from benchmarks import input_faults as faults
 from benchmarks import input_files as files
 from benchmarks.frame import Frame, provenance, table
 from benchmarks.input_faults import ETS7, JOINTS, ODOM, SERVICER7, Made, Source, changed, parted
-from mbaid_ros.core.errors import DataError
-from mbaid_ros.replay.start import noise_at_rest, replay
+from mbaid_ros.errors import DataError
+from mbaid_ros.replay.arguments import noise_at_rest, replay
 from mbaid_ros.testing import running, wait_for_estimate
 
 Make = Callable[[Path, Source], Made]

@@ -18,7 +18,7 @@ from mbaid_ros.core.robot.model import Link, express, load_model
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.recordings.iss import read_iss
 from mbaid_ros.recordings.recording import Recording, write_recording
-from mbaid_ros.replay import start
+from mbaid_ros.replay import arguments as start
 
 PICTURE = Path(__file__).resolve().parents[1] / 'docs' / 'images' / 'iss.svg'
 NEEDED = 'the telemetry has it'

@@ -16,11 +16,10 @@ from benchmarks.frame import PUBLISHED, Frame, Runs, declared, provenance, statu
 from benchmarks.honesty.paths import servicer
 from benchmarks.honesty.readings import read
 from benchmarks.honesty.runs import published
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.model_errors import EXACT
-from mbaid_ros.config.parameters import build
+from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.results.parameters import BAND
+from mbaid_ros.core.results.budget import BAND
+from mbaid_ros.parameters import build
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_simulation, make_view
 from mbaid_ros.simulation.simulation import Truth

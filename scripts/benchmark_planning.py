@@ -8,18 +8,17 @@ import numpy as np
 
 from benchmarks.data import NOISE, RATE, kernel, last_state, sampled, target
 from benchmarks.frame import Frame, Runs, declared, number
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.model_errors import EXACT
-from mbaid_ros.config.parameters import build
+from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion
-from mbaid_ros.core.identifier import Estimator
-from mbaid_ros.core.joint_trajectory import JointTrajectory
+from mbaid_ros.core.pipeline import Estimator
+from mbaid_ros.core.results.budget import BAND
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.parameters import BAND
-from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.sensors.streams import Windows
+from mbaid_ros.core.streams import Windows
+from mbaid_ros.joint_trajectory import JointTrajectory
+from mbaid_ros.parameters import build
 from mbaid_ros.planning.information import Grid
 from mbaid_ros.planning.motions import Motions
 from mbaid_ros.planning.planner import Planner, PlanSettings

@@ -23,11 +23,10 @@ from benchmarks.data import CONFIG, make_bag
 from benchmarks.frame import Frame, number, provenance, table
 from demo_graph import Graph, assigned, graph
 from mbaid_ros.cli import EXIT_NOT_DETERMINED
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.model_errors import EXACT
-from mbaid_ros.config.parameters import build, values_of
-from mbaid_ros.messages.fields import stamp_of
+from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
+from mbaid_ros.core.samples import stamp_of
 from mbaid_ros.nodes.subscriptions import qos
+from mbaid_ros.parameters import build, values_of
 
 HERE = Path(__file__).parent / 'benchmarks'
 ROBOT, METHODS = 'servicer7', ('difference', 'trajectory')
@@ -41,7 +40,7 @@ VARIANTS: dict[str, Mapping[str, object]] = {
 # Wrongly declared noise contradicts the data: the filter searches for a start and for causes, again and again.
 _CONTRADICTED = {'method': 'trajectory', 'noise.joint_position': 1e-5, 'noise.base_position': 3e-4}
 # The executable that `ros2 run` starts is these two lines with a shebang.
-_PROGRAM = [sys.executable, '-c', 'import sys; from mbaid_ros.replay.start import replay; sys.exit(replay())']
+_PROGRAM = [sys.executable, '-c', 'import sys; from mbaid_ros.replay.arguments import replay; sys.exit(replay())']
 
 
 class Cost(NamedTuple):

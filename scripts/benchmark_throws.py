@@ -23,7 +23,7 @@ from mbaid_ros.core.geometry import Array, unvec
 from mbaid_ros.core.robot.momentum import physical_jacobian
 from mbaid_ros.recordings.convert import main as convert
 from mbaid_ros.recordings.throws import OBJECTS, read_tudelft_throw
-from mbaid_ros.replay.start import calibrate
+from mbaid_ros.replay.arguments import calibrate
 
 DEVICE = 'device-only'
 THROWN = {

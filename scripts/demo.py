@@ -15,7 +15,7 @@ from typing import Any
 
 from demo_graph import CONFIG, PATIENCE, ROOT, Demo, assigned, running
 from mbaid_ros.cli import ArgumentParser, number, one_line, run
-from mbaid_ros.core.errors import DataError
+from mbaid_ros.errors import DataError
 
 TOLERANCE = 1.0  # %, of the truth
 ROW_PERIOD = 2.0  # s of simulated time between two rows of the table

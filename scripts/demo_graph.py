@@ -13,7 +13,7 @@ from geometry_msgs.msg import InertiaStamped
 from mbaid_msgs.msg import InertiaEstimate
 
 from mbaid_ros.cli import EXIT_NOT_DETERMINED
-from mbaid_ros.core.errors import DataError
+from mbaid_ros.errors import DataError
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'config'

@@ -19,11 +19,11 @@ from benchmarks.data import CONFIG, NOISE
 from benchmarks.frame import declared
 from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.cli import ArgumentParser, number, run
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.core.errors import DataError, ParameterError, listing
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.errors import DataError, ParameterError, listing
+from mbaid_ros.replay.arguments import replay as replay_executable
+from mbaid_ros.replay.arguments import simulate as simulate_executable
 from mbaid_ros.replay.saved import TRUTH_FILE
-from mbaid_ros.replay.start import replay as replay_executable
-from mbaid_ros.replay.start import simulate as simulate_executable
 
 ROOT = Path(__file__).resolve().parents[1]
 ESTIMATE = '/estimator/estimate'

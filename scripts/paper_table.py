@@ -12,12 +12,10 @@ import numpy as np
 from benchmarks.accuracy import estimates
 from benchmarks.data import NOISE, ROBOTS, exact_samples, kernel, momentum_of, motion, readings, target
 from benchmarks.frame import Frame, provenance, table
-from mbaid_ros.core import paper
+from mbaid_ros.core.difference.paper import RecursiveLeastSquares, angular_rows, difference_form, linear_rows, main_form
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.paper import RecursiveLeastSquares
-from mbaid_ros.core.robot.kernel import BodyStates
-from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.robot.momentum import regressor
+from mbaid_ros.core.robot.model import PlaneDetector
+from mbaid_ros.core.robot.momentum import BodyStates, regressor
 
 NAMES = ('m', 'x_c', 'y_c', 'Izz')
 PLANE = [0, 1, 2, 9]  # their indices
@@ -45,10 +43,10 @@ INDEPENDENT: dict[Setting, tuple[float, ...]] = {
 def equations(form: str, states: BodyStates, total_angular_momentum: Array) -> tuple[Array, Array]:
     """Return rows (N, 6, 10) and right sides (N, 6) of one of the forms."""
     if form == MAIN:
-        return paper.main_form(states, total_angular_momentum)
-    linear, angular = paper.linear_rows(states), paper.angular_rows(states)
+        return main_form(states, total_angular_momentum)
+    linear, angular = linear_rows(states), angular_rows(states)
     reference = tuple(np.broadcast_to(part[:1], part[1:].shape) if form == FIRST else part[:-1] for part in angular)
-    return paper.difference_form(
+    return difference_form(
         (linear[0][1:], linear[1][1:]), (angular[0][1:], angular[1][1:]), (reference[0], reference[1])
     )
 

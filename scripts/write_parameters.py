@@ -8,12 +8,11 @@ import sys
 import textwrap
 from pathlib import Path
 
-from mbaid_ros.config.calibration import CalibrationConfig
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameter_spec import ParameterSpec, Value
-from mbaid_ros.config.parameters import named_specifications, specifications
-from mbaid_ros.config.recorder import RecorderConfig
-from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.config.calibration_file import CalibrationConfig
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.config.recorder_parameters import RecorderConfig
+from mbaid_ros.config.simulator_parameters import SimulatorConfig
+from mbaid_ros.parameters import ParameterSpec, Value, named_specifications, specifications
 
 ROOT = Path(__file__).resolve().parents[1]
 PATH = ROOT / 'config' / 'estimator.yaml'
@@ -35,7 +34,7 @@ HEADER = """\
 #   ros2 run mbaid_ros replay BAG --model robot.urdf --params estimator.yaml
 #
 # In every list write all numbers with a decimal point: ROS does not take whole and broken numbers in one list.
-# Written by scripts/write_parameters.py from the declarations in mbaid_ros/config/estimator.py.
+# Written by scripts/write_parameters.py from the declarations in mbaid_ros/config/estimator_parameters.py.
 /**:
   ros__parameters:
 """

@@ -13,17 +13,23 @@ PACKAGE = ROOT / 'mbaid_ros'
 PAGE = ROOT / 'docs' / 'reference' / 'thresholds.md'
 # By subject: folders and modules of the package.
 SECTIONS = {
-    'Method `trajectory`': ('core/two_stage.py', 'core/trajectory', 'core/filter', 'core/tasks.py'),
-    'Fault isolation': ('core/diagnosis', 'core/window_checks.py'),
-    'Method `difference`, the first stage of `trajectory`': ('core/difference',),
-    'Methods `paper_main` and `paper_difference`': ('core/paper.py',),
+    'Method `trajectory`': ('core/method.py', 'core/filter', 'core/state.py', 'core/windows.py', 'core/contracts.py'),
+    'Fault isolation': ('core/diagnosis', 'core/joints/faults.py', 'core/odometry/faults.py'),
+    'Method `difference`, the first stage of `trajectory`, and the methods of the paper': ('core/difference',),
     'Status and publication': ('core/results',),
-    'Unknowns': ('core/unknowns',),
-    'Capture': ('core/capture',),
+    'Joints, odometry and gyro': (
+        *('core/joints/stream.py', 'core/joints/model.py', 'core/odometry/stream.py', 'core/odometry/model.py'),
+        'core/gyro.py',
+    ),
+    'Other things': (
+        *('core/passive', 'core/clocks.py', 'core/links.py', 'core/wheels.py', 'core/forces.py', 'core/orbit.py'),
+        'core/target.py',
+    ),
+    'Capture': ('core/capture.py',),
     '`calibrate`': ('calibration',),
-    'Readings': ('core/sensors',),
+    'Readings': ('core/pipeline.py', 'core/streams.py', 'core/outliers.py', 'core/noise.py', 'core/samples.py'),
     'Robots': ('core/robot',),
-    'Numbers': ('core/linear_algebra.py', 'core/geometry.py'),
+    'Numbers': ('core/geometry.py',),
 }
 HEAD = """\
 # Thresholds

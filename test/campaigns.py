@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from checked import answer
-from mbaid_ros.replay.start import campaign
+from mbaid_ros.replay.arguments import campaign
 from simulated import CONFIG
 
 refused = partial(answer, campaign, code=2)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.model_errors import EXACT
-from mbaid_ros.config.parameters import build
-from mbaid_ros.core.filter.state import Declared
-from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
+from mbaid_ros.core.robot.momentum import MomentumKernel
+from mbaid_ros.core.state import Declared
+from mbaid_ros.parameters import build
 from mbaid_ros.session.catalogue import declaration
 
 

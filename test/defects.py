@@ -11,11 +11,10 @@ from typing import Any
 import numpy as np
 
 from benchmarks.honesty import readings
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.model_errors import EXACT
-from mbaid_ros.config.parameters import build
+from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.parameters import build
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.sensors import Sensors

@@ -8,19 +8,16 @@ import numpy as np
 
 from benchmarks.honesty.paths import following
 from benchmarks.honesty.worlds import Flow, World, integrated, truth_of
-from mbaid_ros.core.filter.state import Declared
+from mbaid_ros.core.clocks import time_offset
 from mbaid_ros.core.geometry import Array, cross
+from mbaid_ros.core.links import independent_errors, known_bodies
+from mbaid_ros.core.method import TrajectoryEstimator, TrajectorySettings
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.reporting import Reporting
-from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
+from mbaid_ros.core.results.identifiable import Reporting
 from mbaid_ros.core.robot.model import express
-from mbaid_ros.core.robot.model_errors import independent_errors
-from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
+from mbaid_ros.core.robot.momentum import MomentumKernel, inertia_matrix, momentum, unknown_scale
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator
-from mbaid_ros.core.trajectory.target_runs import TrajectorySettings
-from mbaid_ros.core.unknowns.bodies import known_bodies
-from mbaid_ros.core.unknowns.sensors import time_offset
+from mbaid_ros.core.state import Declared
 from mbaid_ros.session.catalogue import conventions, hypotheses, suspects
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth

@@ -12,14 +12,12 @@ import numpy as np
 
 from benchmarks.data import simulator_config
 from mbaid_ros.bags import BAG_TYPES
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.model_errors import EXACT
-from mbaid_ros.config.parameters import build
+from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.kinematics import Kinematics
-from mbaid_ros.core.robot.model import express
+from mbaid_ros.core.robot.model import Kinematics, express
 from mbaid_ros.core.robot.momentum import physical
+from mbaid_ros.parameters import build
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage

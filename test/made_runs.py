@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import values_of
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget
 from mbaid_ros.core.results.estimate import Estimate, Event
-from mbaid_ros.core.results.parameters import SENSOR_NOISE, ErrorBudget
+from mbaid_ros.parameters import values_of
 from mbaid_ros.replay.results import Run, TopicStatistics
 from simulated import CONFIG
 

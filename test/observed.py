@@ -8,23 +8,20 @@ import numpy as np
 from scipy.stats import chi2
 
 from benchmarks.data import LEVELS, sampled, simulator_config
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.model_errors import EXACT
-from mbaid_ros.config.parameters import build
+from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.identifier import Estimator
+from mbaid_ros.core.pipeline import Estimator
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model_errors import ModelErrors
-from mbaid_ros.core.robot.momentum import physical
+from mbaid_ros.core.robot.momentum import MomentumKernel, physical
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.sensors.streams import Windows
+from mbaid_ros.core.streams import Windows
+from mbaid_ros.parameters import build
 from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Truth
-from mbaid_ros.simulation.true_robot import true_robot
+from mbaid_ros.simulation.true_robot import ModelErrors, true_robot
 from simulated import robot
 
 # One standard deviation of a sample: the encoders' as the names say, the base's the same in all.

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.data import last_state
-from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.filter.posterior import Posterior
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.identifier import Estimator
-from mbaid_ros.core.joint_trajectory import JointTrajectory
+from mbaid_ros.core.pipeline import Estimator
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.joint_trajectory import JointTrajectory
 from mbaid_ros.planning.planner import Planner, PlanSettings
 from mbaid_ros.planning.requirements import joint_limits
 from mbaid_ros.planning.splines import Splines

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio
 
-from mbaid_ros.core import geometry
-from mbaid_ros.core.geometry import Array, quaternion_from_rotation
+from mbaid_ros.core.geometry import Array, exp, quaternion_from_rotation, skew, vec
 from mbaid_ros.core.robot.model import RobotModel, load_model, parse
 from mbaid_ros.core.robot.momentum import Storage
 
@@ -23,12 +22,10 @@ def random_inertial(rng: np.random.Generator) -> str:
     mass = masses.sum()
     com = masses @ points / mass
     offsets = points - com
-    inertia = -np.einsum('k,kij->ij', masses, geometry.skew(offsets) @ geometry.skew(offsets))
+    inertia = -np.einsum('k,kij->ij', masses, skew(offsets) @ skew(offsets))
     rpy = rng.uniform(-1.0, 1.0, 3)
     names = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
-    elements = ' '.join(
-        f'{name}="{value!r}"' for name, value in zip(names, geometry.vec(inertia).tolist(), strict=True)
-    )
+    elements = ' '.join(f'{name}="{value!r}"' for name, value in zip(names, vec(inertia).tolist(), strict=True))
     return (
         f'<inertial><origin xyz="{_text(com)}" rpy="{_text(rpy)}"/><mass value="{float(mass)!r}"/>'
         f'<inertia {elements}/></inertial>'
@@ -66,7 +63,7 @@ def planar(seed: int) -> RobotModel:
     return replace(
         model,
         axes=np.where(np.array(model.prismatic)[:, None], across, NORMAL),
-        rotations=geometry.exp(rng.uniform(-2.0, 2.0, (model.joints, 1)) * NORMAL),
+        rotations=exp(rng.uniform(-2.0, 2.0, (model.joints, 1)) * NORMAL),
         positions=flat * model.positions,
         links=tuple(
             replace(link, rotation=np.eye(3), position=flat * link.position, parameters=symmetric * link.parameters)
@@ -80,7 +77,7 @@ def random_state(rng: np.random.Generator, joints: int, count: int) -> tuple[Arr
     return (
         rng.uniform(-2.0, 2.0, (count, joints)),
         rng.normal(size=(count, joints)),
-        geometry.exp(rng.normal(size=(count, 3))),
+        exp(rng.normal(size=(count, 3))),
         rng.normal(size=(count, 6)),
     )
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.bags import BagReader, BagWriter, deserialize, message_class, serialize
-from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.samples import JOINT_STATE_TYPE, ODOMETRY_TYPE
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.motion import Passive
 from mbaid_ros.simulation.simulation import Simulation, Truth

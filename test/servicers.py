@@ -17,14 +17,13 @@ from benchmarks.precapture import BARE_LINK7, GENERAL, WEIGHED, free_model
 from floating import RATE, float_freely, pushing, still
 from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, rotation_from_quaternion, unvec
-from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.model_errors import ModelErrors
-from mbaid_ros.core.robot.momentum import physical, standard
+from mbaid_ros.core.robot.momentum import MomentumKernel, physical, standard
 from mbaid_ros.sensor_messages import Thrust
 from mbaid_ros.simulation.motion import Sinusoids, random_sinusoids
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum, without_linear_momentum
+from mbaid_ros.simulation.true_robot import ModelErrors
 from observed import MID, configured_motion, kernel
 from simulated import robot, state
 

@@ -9,12 +9,11 @@ import numpy as np
 
 from benchmarks.data import simulator_config
 from mbaid_ros.bags import BAG_TYPES
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.model_errors import EXACT
-from mbaid_ros.config.parameters import build
+from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.orbit import Orbit
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.orbit import Orbit
+from mbaid_ros.parameters import build
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 from observed import MID

@@ -9,10 +9,9 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.simulation import without_linear_momentum
-from mbaid_ros.simulation.true_robot import ErrorStds, draw, generator, true_robot
+from mbaid_ros.simulation.true_robot import ErrorStds, ModelErrors, draw, generator, true_robot
 
 CONFIG = Path(__file__).resolve().parents[1] / 'config'
 DEGREE = np.pi / 180.0

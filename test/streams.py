@@ -10,7 +10,7 @@ from rclpy.serialization import serialize_message
 
 from benchmarks.data import simulator_config
 from mbaid_ros.bags import deserialize, serialize
-from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.nodes.subscriptions import TYPES
 from mbaid_ros.session.session import Session

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from mbaid_ros.cli import ArgumentParser, number, one_line, run
-from mbaid_ros.core.errors import DataError
+from mbaid_ros.errors import DataError
 from mbaid_ros.files import write_text
 
 

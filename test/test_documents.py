@@ -18,8 +18,8 @@ from benchmarks.pictures import pictured
 from documents import DOCUMENTS, README, REFERENCE, ROOT, names
 from made_runs import run
 from mbaid_ros import limits
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import METHODS, specifications
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.parameters import METHODS, specifications
 from mbaid_ros.replay.output import as_json
 
 LINK = re.compile(r'\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?\)')

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from mbaid_ros.bags import BAG_TYPES, deserialize, serialize
-from mbaid_ros.config.parameters import build
-from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.errors import MbaidError, ModelError, ParameterError
+from mbaid_ros.config.simulator_parameters import SimulatorConfig
 from mbaid_ros.core.geometry import rotate, rotation_from_quaternion
-from mbaid_ros.core.results.estimate import Debris, Estimate, Event, PassiveJoint
-from mbaid_ros.core.results.parameters import ErrorBudget
+from mbaid_ros.core.results.budget import ErrorBudget
+from mbaid_ros.core.results.estimate import Estimate, Event, PassiveJoint
+from mbaid_ros.core.target import Debris
+from mbaid_ros.errors import MbaidError, ModelError, ParameterError
 from mbaid_ros.estimate_messages import Frames, debris_message, estimate_message
+from mbaid_ros.parameters import build
 from mbaid_ros.simulated_robot import make_initial_state, make_motion, make_simulation
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 from mbaid_ros.simulation.changes import with_target

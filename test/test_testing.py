@@ -14,7 +14,7 @@ import pytest
 from documents import ROOT, blocks
 from graph import LOCAL, reserved_domain
 from made_runs import BODY, STD, estimate
-from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.errors import ParameterError
 from mbaid_ros.estimate_messages import Frames, estimate_message
 from mbaid_ros.nodes.subscriptions import TYPES
 from mbaid_ros.testing import deviations, wait_for_estimate

@@ -7,17 +7,16 @@ from typing import TypeVar
 
 import numpy as np
 
-from mbaid_ros.core.filter.chain import WindowModel, window_models
-from mbaid_ros.core.filter.joint_noise import JointNoise
-from mbaid_ros.core.filter.knots import AFTER, BEFORE, Knots, averages
-from mbaid_ros.core.filter.measured_window import IntegratedTwist, Measurement
-from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
-from mbaid_ros.core.filter.state import BODY, Layout, Point
-from mbaid_ros.core.filter.variables import Variables
-from mbaid_ros.core.filter.whitened import WhitenedWindow, whitened_windows
-from mbaid_ros.core.filter.window import Stack, Window, WindowNoise
+from mbaid_ros.core.contracts import Stack
+from mbaid_ros.core.filter.gaussian import SquareRootInformation
+from mbaid_ros.core.filter.linearise import WhitenedWindow, WindowModel, whitened_windows, window_models
+from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.geometry import Array, exp, rotate
+from mbaid_ros.core.joints.model import JointNoise
+from mbaid_ros.core.odometry.model import IntegratedTwist, Measurement
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, Stamps
+from mbaid_ros.core.state import BODY, Layout, Point, Variables
+from mbaid_ros.core.windows import AFTER, BEFORE, Knots, Window, WindowNoise, averages
 
 LENGTH = 0.5  # s, of the window
 START = 4.0  # s

@@ -9,17 +9,17 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from declarations import exact_but
-from mbaid_ros.core.filter.state import Declared
+from mbaid_ros.core.clocks import ClockDrift, TimeOffset
+from mbaid_ros.core.contracts import Unknown
 from mbaid_ros.core.geometry import Array, cross, exp, quaternion_from_rotation, rotate, rotation_from_quaternion
-from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.joints.model import JointPlacements
+from mbaid_ros.core.links import KnownBodies
+from mbaid_ros.core.odometry.model import OdometryMount, OdometryScale, TwistBias
 from mbaid_ros.core.robot.model import displaced
-from mbaid_ros.core.robot.model_errors import ModelErrors, with_bodies
-from mbaid_ros.core.unknowns.base import OdometryMount, OdometryScale, TwistBias
-from mbaid_ros.core.unknowns.bodies import KnownBodies
-from mbaid_ros.core.unknowns.declaration import Unknown
-from mbaid_ros.core.unknowns.joints import JointPlacements
-from mbaid_ros.core.unknowns.sensors import ClockDrift, TimeOffset
+from mbaid_ros.core.robot.momentum import MomentumKernel
+from mbaid_ros.core.state import Declared
 from mbaid_ros.simulation.simulation import Truth
+from mbaid_ros.simulation.true_robot import ModelErrors, with_bodies
 
 LINKS = 0.01  # relative standard deviation of the known bodies
 

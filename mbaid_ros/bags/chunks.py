@@ -16,8 +16,8 @@ from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader
 
 from mbaid_ros import limits
 from mbaid_ros.bags.compression import unpacked_chunk
-from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.samples import Stamps
+from mbaid_ros.errors import DataError
 
 Raw = tuple[str, bytes, int]  # topic, CDR bytes, and the time it was recorded at, ns
 

@@ -10,7 +10,7 @@ from backports import zstd
 from rosbags.rosbag2 import ReaderError
 
 from mbaid_ros import limits
-from mbaid_ros.core.errors import DataError
+from mbaid_ros.errors import DataError
 
 _PIECE = 1_000_000  # bytes
 _ZSTD = b'\x28\xb5\x2f\xfd'  # beginning of a zstd frame, but of no message in CDR

@@ -17,7 +17,7 @@ from mbaid_ros.bags.chunks import MCAP_MAGIC
 from mbaid_ros.bags.compression import unpack_file
 from mbaid_ros.bags.sources import DAMAGE, IndexedSource, SalvagedSource, Source
 from mbaid_ros.bags.writer import parse_yaml
-from mbaid_ros.core.errors import DataError
+from mbaid_ros.errors import DataError
 from mbaid_ros.files import require_regular
 
 BAG_FILES = ('.mcap', '.db3', '.mcap.zstd', '.db3.zstd', '.mcap.zst', '.db3.zst')

@@ -21,9 +21,9 @@ from mbaid_ros.bags.compression import is_compressed, unpacked
 from mbaid_ros.bags.opening import files_of, open_file, reason_of, unread_log
 from mbaid_ros.bags.sources import DAMAGE, Source, Topic, by_name
 from mbaid_ros.bags.types import ADDED, defined, is_standard, message_types
-from mbaid_ros.cdr import packer
-from mbaid_ros.core.errors import DataError, listing
 from mbaid_ros.core.samples import Stamps
+from mbaid_ros.errors import DataError, listing
+from mbaid_ros.packets import packer
 
 _SIMULATED = 10**15  # ns: clocks of simulations begin at zero, others in 1970
 

@@ -14,7 +14,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from mbaid_ros.core.errors import DataError
+from mbaid_ros.errors import DataError
 from mbaid_ros.estimate_messages import MessageTypes
 
 ESTIMATE_TYPE = 'mbaid_msgs/msg/InertiaEstimate'

@@ -16,7 +16,7 @@ from rosbags.rosbag2.metadata import parse_qos
 
 from mbaid_ros import limits
 from mbaid_ros.bags.types import definition, serialize
-from mbaid_ros.core.errors import DataError
+from mbaid_ros.errors import DataError
 
 _MERGE = 'tag:yaml.org,2002:merge'
 

@@ -11,19 +11,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core.filter.averaging import KnotAveraging
-from mbaid_ros.core.filter.batch import is_converged, turns_back
-from mbaid_ros.core.filter.square_root import SquareRootInformation, update
-from mbaid_ros.core.filter.start import angular_momentum
-from mbaid_ros.core.filter.state import BODY, MOMENTUM, Declared, Layout, Point, layout_of, near_part
-from mbaid_ros.core.filter.time_update import UNDISTURBED, advance, at_window_start, new_motion
-from mbaid_ros.core.filter.variables import Variables, variables
-from mbaid_ros.core.filter.whitened import LinearisationCache, WhitenedWindow
-from mbaid_ros.core.filter.window import Window, in_stacks
+from mbaid_ros.core.contracts import UNDISTURBED, in_stacks
+from mbaid_ros.core.filter.gaussian import SquareRootInformation, update
+from mbaid_ros.core.filter.hypotheses import is_converged, turns_back
+from mbaid_ros.core.filter.linearise import LinearisationCache, WhitenedWindow
+from mbaid_ros.core.filter.time_update import advance, at_window_start, new_motion
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.kinematics import PlaneDetector
+from mbaid_ros.core.gyro import angular_momentum
+from mbaid_ros.core.robot.model import PlaneDetector
+from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.state import BODY, MOMENTUM, Declared, Layout, Point, Variables, layout_of, near_part, variables
+from mbaid_ros.core.windows import KnotAveraging, Window
 
 _ITERATIONS = 24  # at most: Gauss-Newton steps, halved where they turn back
 _TOGETHER = 30  # windows linearised in one call: the arrays of a whole long motion would fill the memory

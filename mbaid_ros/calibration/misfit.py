@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbaid_ros.calibration.iteration import CalibrationSolution, Motion, filter_motions, point_of
-from mbaid_ros.core.filter.state import BODY, Point
 from mbaid_ros.core.geometry import Array, Integers
+from mbaid_ros.core.state import BODY, Point
 
 _STEP = 0.1  # standard deviations, of the differences: the misfit is nearly quadratic within one
 _SEEN = 0.05  # part of a direction's prior variance, from which data determine it

@@ -15,24 +15,26 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from mbaid_ros.calibration.iteration import CalibrationIteration
-from mbaid_ros.core.errors import ModelError
-from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
-from mbaid_ros.core.filter.state import BODY
-from mbaid_ros.core.filter.variables import Variables
+from mbaid_ros.core.contracts import Unknown
+from mbaid_ros.core.filter.posterior import PriorScaleFactors
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.joints.model import JointPlacements
+from mbaid_ros.core.links import links_to_bodies, masses
+from mbaid_ros.core.method import estimates_of
+from mbaid_ros.core.odometry.model import OdometryMount
+from mbaid_ros.core.passive.joints import SpringErrors, passive_joints, resolved
 from mbaid_ros.core.results.estimate import PassiveJoint
-from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
-from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.robot.model import Link
-from mbaid_ros.core.robot.model_errors import KnownErrors, links_to_bodies
-from mbaid_ros.core.robot.momentum import body_sizes, physical, pseudo_inertia
-from mbaid_ros.core.trajectory.solution import estimates_of, passive_joints
-from mbaid_ros.core.unknowns.base import OdometryMount
-from mbaid_ros.core.unknowns.bodies import masses
-from mbaid_ros.core.unknowns.declaration import Unknown
-from mbaid_ros.core.unknowns.flexible import SpringErrors, resolved
-from mbaid_ros.core.unknowns.joints import JointPlacements
-from mbaid_ros.core.unknowns.priors import UnknownsPrior, in_plane_map
+from mbaid_ros.core.robot.model import Link, PlaneDetector
+from mbaid_ros.core.robot.momentum import (
+    KnownErrors,
+    MomentumKernel,
+    body_sizes,
+    physical,
+    pseudo_inertia,
+    unknown_scale,
+)
+from mbaid_ros.core.state import BODY, UnknownsPrior, Variables, in_plane_map
+from mbaid_ros.errors import ModelError
 
 U = TypeVar('U', bound=Unknown)
 

@@ -1,8 +1,4 @@
-"""Background work: long computations in slices, each with a budget of steps for every window.
-
-Long computations are generators: they yield the cost of each piece, in steps of the filter, and return their outcome.
-A fixed number of steps is run before each window, so live and replayed runs take outcomes over at the same windows.
-"""
+"""Background work of a session: tasks in a fixed order, done in slices, taken over at fixed windows."""
 
 from __future__ import annotations
 
@@ -15,7 +11,6 @@ from typing import Any, TypeVar
 
 Outcome = TypeVar('Outcome')
 Work = Generator[int, None, Outcome]  # yields the cost of each piece, in steps of the filter; returns the outcome
-
 SLICE = 30  # steps of the filter, about, in one slice: a few milliseconds
 AT_ONCE = 10**9  # steps of a computation without limit
 _STATE_SIZE = 96  # numbers of the state, for as many of which a step costs one more

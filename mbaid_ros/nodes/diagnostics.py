@@ -2,31 +2,175 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from time import monotonic
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from mbaid_ros.core.errors import listing
-from mbaid_ros.core.sensors.external_momentum import LATE_THRUST
-from mbaid_ros.nodes.reports import (
-    ERROR,
-    OK,
-    STALE,
-    WARN,
-    Report,
-    RunState,
-    SampleReport,
-    Values,
-    complaints,
-    estimate_report,
-    numbers,
-)
-from mbaid_ros.nodes.subscriptions import Subscriptions
-from mbaid_ros.nodes.watch import ESTIMATE
-from mbaid_ros.session.explanation import explain
+from mbaid_ros.core.forces import LATE_THRUST
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.budget import MAIN_CAUSES, PARAMETERS, UNITS, UNOBSERVABLE, rounded
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.errors import listing
+from mbaid_ros.nodes.subscriptions import LOST, Subscriptions
+from mbaid_ros.nodes.watch import ESTIMATE, NEXT
+from mbaid_ros.session.explanation import complaints, doubts, explain, obstacles, remarks
+from mbaid_ros.session.session import Session
+
+OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
+Values = list[tuple[str, object]]
+Report = tuple[bytes, str, Values]
+_CAUSES = 3  # likely causes in /diagnostics
+_LEVEL_OF_STATUS = {
+    'waiting': WARN,
+    'estimating': OK,
+    'converged': OK,
+    'not_identifiable': WARN,
+    'inconsistent': ERROR,
+}
+
+
+@dataclass
+class RunState:
+    """The state of the node."""
+
+    session: Session | None = None  # the run, None before the first usable robot description
+    problem: str = ''  # why the last robot description was refused; empty if it was not
+    estimate: Estimate | None = None  # the last one
+    paused: bool = False  # True while the service ~/pause stops samples
+    stale: str = ''  # why no estimate follows the last one; empty while one does
+    advice: str = ''  # the most informative motion, in words; empty if none is needed or known
+    ignored: Counter[str] = field(default_factory=Counter)  # messages not handed to a session, by reason
+    lost: Mapping[str, int] = field(default_factory=dict)  # messages that have not come between others, by topic
+
+    @property
+    def halted(self) -> str:
+        """That a user has stopped samples; empty while they are taken."""
+        return 'paused: no samples are taken' if self.paused else ''
+
+    @property
+    def sample_counts(self) -> str:
+        """How many of the received samples are in the estimate, and what was not received, in a sentence."""
+        if self.session is None or self.estimate is None:
+            return 'no sample is in an estimate'
+        text = f'{self.estimate.samples} of {self.session.collected} samples are in the estimate'
+        text += '' if self.estimate.samples == self.session.collected else ', those of complete windows'
+        return '; '.join(
+            [text, *(f'{count} messages on {topic} {LOST}' for topic, count in self.lost.items() if count)]
+        )
+
+
+class SampleReport:
+    """The use of messages since the last report.
+
+    Attributes
+    ----------
+    reasons : why messages were not used since the report before the last; empty if all were, or none came
+    """
+
+    def __init__(self) -> None:
+        self.reasons = ''
+        self._used = 0
+        self._dropped: Counter[str] = Counter()
+        self._replaced: Counter[str] = Counter()
+
+    def report(self, state: RunState, *, heard: bool) -> Report:
+        """Return the report; `heard` is whether anything has come since the last one."""
+        session = state.session
+        values: Values = [(f'not taken, {reason}', count) for reason, count in sorted(state.ignored.items())]
+        self.reasons = ''
+        if session is None:
+            return WARN, 'no sample can be used without a robot description', values
+        used, dropped, replaced = self._since(session)
+        values += [
+            ('used', session.used),
+            *((f'dropped, {cause}', count) for cause, count in sorted(session.dropped.items())),
+            *((f'partly used, {cause}', count) for cause, count in sorted(session.replaced.items())),
+            *((f'reason {index + 1}', reason) for index, reason in enumerate(remarks(session, stuck=not used))),
+        ]
+        if state.halted:
+            return WARN, state.halted, values
+        self.reasons = '; '.join([*explain(session, dropped), *obstacles(session, stuck=not used)])
+        lost = dropped.total()
+        if not used and self.reasons and heard:
+            return ERROR, f'nothing used, {lost} messages dropped since the last report: {self.reasons}', values
+        if replaced or lost:
+            partly = f' and {replaced.total()} partly used' if replaced else ''
+            reasons = '; '.join(filter(None, [self.reasons, *explain(session, replaced)]))
+            text = f'{used} samples used, {lost} messages dropped{partly} since the last report: {reasons}'
+            return WARN, text, values
+        doubtful = doubts(session)
+        level = WARN if doubtful or not session.used else OK
+        return level, '; '.join([f'{session.used} used', *doubtful]), values
+
+    def _since(self, session: Session) -> tuple[int, Counter[str], Counter[str]]:
+        """Return the used samples, dropped and replaced messages since the last call, or since a reset."""
+        used, dropped, replaced = session.used, session.dropped, session.replaced
+        reset = used < self._used or any(
+            now[cause] < count
+            for now, before in ((dropped, self._dropped), (replaced, self._replaced))
+            for cause, count in before.items()
+        )
+        if reset:
+            self._used, self._dropped, self._replaced = 0, Counter(), Counter()
+        recent = used - self._used, dropped - self._dropped, replaced - self._replaced
+        self._used, self._dropped, self._replaced = used, dropped, replaced
+        return recent
+
+
+def estimate_report(state: RunState) -> Report:
+    """Return the report on the last estimate."""
+    estimate, robot = state.estimate, state.session.robot if state.session else None
+    if estimate is None:
+        return WARN, 'waiting: paused' if state.paused else 'waiting', []
+    causes = [cause for cause, _ in estimate.likely_causes[:_CAUSES]]
+    noise = estimate.noise.rows() if estimate.noise else []
+    values: Values = [
+        ('stale', bool(state.stale)),
+        ('method', estimate.method),
+        ('stage', estimate.stage),
+        ('phase', robot.phase if robot else ''),
+        ('time (s)', f'{estimate.time:.3f}'),
+        ('samples', estimate.samples),
+        ('residual', f'{estimate.residual:.3g}'),
+        ('identifiable', listing(name for name, known in zip(PARAMETERS, estimate.identifiable, strict=True) if known)),
+        *_parameters(estimate),
+        *((f'likely cause {index + 1}', cause) for index, cause in enumerate(causes)),
+        (NEXT, state.advice),
+        (MAIN_CAUSES, '' if estimate.budget is None else estimate.budget.main_causes(estimate.std)),
+        (UNOBSERVABLE, '' if estimate.budget is None else estimate.budget.unobservable()),
+        ('linear momentum (N s)', numbers(estimate.momentum[:3])),
+        ('angular momentum (N m s)', numbers(estimate.momentum[3:])),
+        *((f'noise of {name} ({unit})', text) for name, unit, text in noise),
+        *((f'warning {index + 1}', warning) for index, warning in enumerate(estimate.warnings)),
+    ]
+    level = _LEVEL_OF_STATUS[estimate.status]
+    text = estimate.status.replace('_', ' ')
+    if estimate.warnings:
+        text = f'{text}: likely cause: {causes[0]}' if causes else f'{text}: {estimate.warnings[0]}'
+        level = max(level, WARN)
+    if state.stale:
+        return STALE, f'{text}; stale: {state.stale}', values
+    return level, text, values
+
+
+def _parameters(estimate: Estimate) -> Values:
+    rows: Values = []
+    for name, unit, value, std in zip(PARAMETERS, UNITS, estimate.parameters, estimate.std, strict=True):
+        shown, band = rounded(value, std)
+        spread = f' +- {band} (95 %)' if band else ''
+        rows.append((f'{name} ({unit})', f'{shown}{spread}' if shown else 'not determined'))
+    return rows
+
+
+def numbers(values: Sequence[float] | Array) -> str:
+    """Return numbers for /diagnostics, separated by spaces."""
+    return ' '.join(f'{value:.6g}' for value in values)
+
 
 STALE_AFTER = 2.0  # s without a message
 _WAITED = (3600.0, 600.0, 60.0, 10.0, STALE_AFTER)  # s of waiting, each of which changes the text once

@@ -22,15 +22,16 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
-from mbaid_ros.config.estimator import DebrisConfig, EstimatorConfig
-from mbaid_ros.config.files import read_robot_description
-from mbaid_ros.config.model_errors import KnownLinksConfig
-from mbaid_ros.core.errors import DataError, MbaidError
-from mbaid_ros.nodes.diagnostics import Diagnostics
-from mbaid_ros.nodes.publishers import EstimatePublication
-from mbaid_ros.nodes.reports import RunLog, RunState, remarks
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.config.parameter_files import read_robot_description
+from mbaid_ros.core.links import KnownLinksConfig
+from mbaid_ros.core.target import DebrisConfig
+from mbaid_ros.errors import DataError, MbaidError
+from mbaid_ros.nodes.diagnostics import Diagnostics, RunState
+from mbaid_ros.nodes.publishers import EstimatePublication, RunLog
 from mbaid_ros.nodes.runner import Interrupt, declare_parameters, spin
 from mbaid_ros.nodes.subscriptions import DescriptionSubscription, Subscriptions, qos, quiet_publisher, tf_message
+from mbaid_ros.session.explanation import remarks
 from mbaid_ros.session.planning import advice  # at the start: an import in a run would delay estimates
 from mbaid_ros.session.session import Session
 

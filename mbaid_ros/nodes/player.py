@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from mbaid_ros.bags import BagReader
 from mbaid_ros.cli import EXIT_NOT_DETERMINED, warn
-from mbaid_ros.core.errors import DataError, listing
+from mbaid_ros.errors import DataError, listing
 from mbaid_ros.nodes.runner import LATENCY, Interrupt, NoParameters, declare_parameters
 from mbaid_ros.nodes.subscriptions import message_class, qos, why_no_topic
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from itertools import groupby
+from time import monotonic
 from typing import Any
 
 from geometry_msgs.msg import InertiaStamped
@@ -13,14 +15,123 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from std_msgs.msg import String
 
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.core.capture.known_momentum import Capture
-from mbaid_ros.core.results.estimate import Debris, Estimate, is_complete
-from mbaid_ros.core.robot.urdf_edit import replace_inertial
+from mbaid_ros.cli import one_line
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.capture import Capture
+from mbaid_ros.core.results.budget import PARAMETERS, UNITS, rounded
+from mbaid_ros.core.results.estimate import Estimate, is_complete
+from mbaid_ros.core.robot.model import replace_inertial
+from mbaid_ros.core.target import Debris
+from mbaid_ros.errors import listing
 from mbaid_ros.estimate_messages import Frames, Publications, estimate_message
-from mbaid_ros.nodes.reports import RunLog, RunState
+from mbaid_ros.nodes.diagnostics import RunState
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, quiet_publisher
+from mbaid_ros.nodes.watch import NEXT
+from mbaid_ros.session.model_summary import ModelSummary
 from mbaid_ros.session.session import Session
+
+PATIENCE = 5.0  # s without the awaited messages, or of a motion that determines too little, before a log line
+_NUMBER = re.compile(r'\b\d+(\.\d+)?\b')
+_ALARMING = {'inconsistent', 'not_identifiable'}
+
+
+class RunLog:
+    """The terminal output of the estimator: each thing once."""
+
+    def __init__(self, log: Any) -> None:
+        self._log = log
+        self._warned: set[str] = set()
+        self.begin()
+
+    def begin(self, *, warned: bool = False) -> None:
+        """Begin a run: lines about data may come again, warnings only if not `warned`."""
+        if not warned:
+            self._warned.clear()
+        self._since = monotonic()
+        self._status = ''
+        self._logged_joints = False
+        self._advised: set[str] = {''}
+
+    def robot(self, summary: ModelSummary, method: str) -> None:
+        """Log the summary of the robot description."""
+        for line in (*summary.lines, f'method {method}'):
+            self.event(line)
+        for warning in summary.warnings:
+            self._log.warning(one_line(warning))
+
+    def joints(self, summary: ModelSummary) -> None:
+        """Log, once messages have come, the joints that the robot description lacks."""
+        if not self._logged_joints and summary.foreign:
+            self.event(f'joints of the messages that the robot description lacks: {listing(summary.foreign)}')
+        self._logged_joints = True
+
+    def waiting(self, awaited: Sequence[str]) -> None:
+        """Log awaited messages after a while, once for each likely reason; call it regularly."""
+        if monotonic() - self._since > PATIENCE:
+            for each in awaited:
+                self.warn_once(f'waiting for {each}')
+
+    def estimate(self, estimate: Estimate) -> None:
+        """Log the first estimate, and each whose status differs from the last one's."""
+        self._log.debug(
+            f'window to {estimate.time:.3f} s: {estimate.status}, {estimate.samples} samples, residual '
+            f'{estimate.residual:.3g}, {_method(estimate)}'
+        )
+        # Hardly any motion determines anything in its first seconds: no reason for alarm yet.
+        early = estimate.status == 'not_identifiable' and estimate.time < PATIENCE and not estimate.contradicted
+        if early or estimate.status in {'waiting', self._status}:
+            return
+        first, self._status = not self._status, estimate.status
+        lead = 'first estimate, ' if first else ''
+        text = one_line(f'{lead}{estimate.status.replace("_", " ")} after {estimate.time:.1f} s: {headline(estimate)}')
+        # One call a level: rclpy ties a line of code to the level of its first call.
+        if estimate.status in _ALARMING:
+            self._log.warning(text)
+        else:
+            self._log.info(text)
+
+    def warn_once(self, text: str) -> None:
+        """Log a warning, unless it differs from an earlier one only in its numbers."""
+        if _is_new(text, self._warned):
+            self._log.warning(one_line(text))
+
+    def advice(self, text: str) -> None:
+        """Log the most informative motion, once for each joint and parameter."""
+        if _is_new(text, self._advised):
+            self.event(f'{NEXT}: {text}')
+
+    def event(self, text: str) -> None:
+        """Log an event: a reset, a pause, a capture."""
+        self._log.info(one_line(text))
+
+
+def _is_new(text: str, known: set[str]) -> bool:
+    """Return whether a text differs from the known ones in more than numbers, and remember it."""
+    key, before = _NUMBER.sub('#', text), len(known)
+    known.add(key)
+    return len(known) > before
+
+
+def headline(estimate: Estimate) -> str:
+    """Return mass and centre of mass with their 95 % bands, the residual, and the likely cause, in a line."""
+    parts = []
+    for index in range(4):
+        value, band = rounded(float(estimate.parameters[index]), float(estimate.std[index]))
+        if value:
+            parts.append(f'{PARAMETERS[index]} {value}{f" ± {band}" if band else ""} {UNITS[index]}')
+    if any('±' in part for part in parts):
+        parts.append('± 95 %')
+    parts += [f'residual {estimate.residual:.2g}', _method(estimate)]
+    if estimate.likely_causes:
+        parts.append(f'likely cause: {estimate.likely_causes[0][0]}')
+    elif estimate.status in _ALARMING and estimate.warnings:
+        parts.append(estimate.warnings[0])
+    return ', '.join(parts)
+
+
+def _method(estimate: Estimate) -> str:
+    return estimate.method if estimate.stage in {'', estimate.method} else f'stage {estimate.stage}'
+
 
 _PATIENCE = Duration(nanoseconds=50_000_000)  # with a subscriber that has died, or has no time
 

@@ -18,8 +18,8 @@ from rclpy.subscription import Subscription
 
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.cli import one_line
-from mbaid_ros.config.recorder import RecorderConfig
-from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.config.recorder_parameters import RecorderConfig
+from mbaid_ros.errors import ParameterError
 from mbaid_ros.nodes.runner import Interrupt, declare_parameters
 from mbaid_ros.nodes.subscriptions import message_class, qos, why_no_topic
 

@@ -28,10 +28,9 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.time_source import TimeSource
 from rclpy.utilities import remove_ros_args
 
-from mbaid_ros.config.files import load_parameter_file, parse_assignment
-from mbaid_ros.config.parameter_spec import ParameterSpec
-from mbaid_ros.config.parameters import build, specification, specifications, values_of
-from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.config.parameter_files import load_parameter_file, parse_assignment
+from mbaid_ros.errors import ParameterError
+from mbaid_ros.parameters import ParameterSpec, build, specification, specifications, values_of
 
 T = TypeVar('T')
 

@@ -17,10 +17,10 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import String
 from trajectory_msgs.msg import JointTrajectory
 
-from mbaid_ros.config.files import read_robot_description
-from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.errors import DataError, ParameterError
-from mbaid_ros.messages.joints import trajectory_of
+from mbaid_ros.config.parameter_files import read_robot_description
+from mbaid_ros.config.simulator_parameters import SimulatorConfig
+from mbaid_ros.errors import DataError, ParameterError
+from mbaid_ros.joint_trajectory import trajectory_of
 from mbaid_ros.nodes.runner import Interrupt, declare_parameters, spin
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, message_class, qos
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage

@@ -26,11 +26,11 @@ from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_msgs.msg import String
 
-from mbaid_ros.cdr import packer
-from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.errors import ParameterError
 from mbaid_ros.estimate_messages import MessageTypes
 from mbaid_ros.files import as_utf8
 from mbaid_ros.nodes.runner import RCLError
+from mbaid_ros.packets import packer
 
 RMWError = rclpy_implementation.RMWError
 

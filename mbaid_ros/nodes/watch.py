@@ -23,10 +23,10 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 
 from mbaid_ros.cli import one_line
-from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, ErrorBudget, rounded
-from mbaid_ros.messages.fields import parameters_of
+from mbaid_ros.core.results.budget import MAIN_CAUSES, PARAMETERS, UNITS, ErrorBudget, rounded
+from mbaid_ros.errors import ParameterError, listing
+from mbaid_ros.estimate_messages import parameters_of
 from mbaid_ros.nodes.runner import Interrupt, NoParameters, declare_parameters, spin
 from mbaid_ros.nodes.subscriptions import qos
 

@@ -7,15 +7,15 @@ from functools import cached_property
 
 import numpy as np
 
-from mbaid_ros.core.filter.state import Point
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.core.results.parameters import PARAMETERS
+from mbaid_ros.core.results.budget import PARAMETERS
+from mbaid_ros.core.state import Point
+from mbaid_ros.joint_trajectory import JointTrajectory
 from mbaid_ros.planning.collisions import INSTANTS, Collisions
 from mbaid_ros.planning.floating import FloatingRobot
 from mbaid_ros.planning.information import Grid
 from mbaid_ros.planning.motions import Motions
-from mbaid_ros.planning.plan import Bounds
+from mbaid_ros.planning.planned_motion import Bounds
 from mbaid_ros.planning.requirements import BaseLimits, Goal
 from mbaid_ros.planning.search import Candidate
 from mbaid_ros.planning.splines import Splines

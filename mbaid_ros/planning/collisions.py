@@ -9,10 +9,10 @@ import coal
 import numpy as np
 import pinocchio
 
-from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, configurations, parse
-from mbaid_ros.core.robot.urdf_document import captured_stderr, tree_of, triple
+from mbaid_ros.core.robot.urdf import captured_stderr, tree_of, triple
+from mbaid_ros.errors import ModelError, listing
 
 ReadMesh = Callable[[str], Array]
 

@@ -10,16 +10,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core.filter.exponential import transition_steps
-from mbaid_ros.core.filter.knots import Midpoints
-from mbaid_ros.core.filter.passive_prediction import starting_states
-from mbaid_ros.core.filter.state import Layout, Point, in_plane
-from mbaid_ros.core.filter.twist_prediction import predict
-from mbaid_ros.core.geometry import Array, cross, log, rotate, rotate_back
-from mbaid_ros.core.linear_algebra import composed
+from mbaid_ros.core.filter.linearise import predict
+from mbaid_ros.core.geometry import Array, composed, cross, log, rotate, rotate_back
+from mbaid_ros.core.passive.swing import starting_states, transition_steps
 from mbaid_ros.core.robot.model import express
-from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
+from mbaid_ros.core.robot.momentum import in_plane, mobility_and_momentum
 from mbaid_ros.core.samples import ArrayRecord
+from mbaid_ros.core.state import Layout, Point
+from mbaid_ros.core.windows import Midpoints
 
 
 @dataclass(frozen=True)

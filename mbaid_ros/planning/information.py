@@ -13,16 +13,16 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg.lapack import dtrtrs
 
-from mbaid_ros.core.filter.knots import AFTER, BEFORE, Knots
-from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
-from mbaid_ros.core.filter.state import BODY, Point
+from mbaid_ros.core.contracts import in_stacks
+from mbaid_ros.core.filter.gaussian import SquareRootInformation, update
+from mbaid_ros.core.filter.linearise import TOGETHER, LinearisationCache, WhitenedWindow
+from mbaid_ros.core.filter.posterior import FIRST, MeanAndCovariance, Posterior
 from mbaid_ros.core.filter.time_update import advance
-from mbaid_ros.core.filter.whitened import TOGETHER, LinearisationCache, WhitenedWindow
-from mbaid_ros.core.filter.window import Window, WindowNoise, in_stacks
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.results.reporting import Reporting, relative_std
+from mbaid_ros.core.results.identifiable import Reporting, relative_std
 from mbaid_ros.core.robot.momentum import THRUSTER_ERRORS, physical, physical_jacobian
-from mbaid_ros.core.trajectory.posterior import FIRST, Posterior
+from mbaid_ros.core.state import BODY, Point
+from mbaid_ros.core.windows import AFTER, BEFORE, Knots, Window, WindowNoise
 from mbaid_ros.planning.floating import BaseMotion
 
 _NOTHING = 1e-6  # of its size, by which undetermined directions must not move a determined parameter

@@ -8,11 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.filter.state import Point
+from mbaid_ros.core.filter.posterior import Posterior
 from mbaid_ros.core.geometry import Array, rotate_back
-from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.core.state import Point
+from mbaid_ros.errors import ParameterError
+from mbaid_ros.joint_trajectory import JointTrajectory
 from mbaid_ros.planning.collisions import JointEfforts
 from mbaid_ros.planning.floating import BaseMotion, FloatingRobot, base_motions
 from mbaid_ros.planning.information import Grid, Information

@@ -8,15 +8,15 @@ from functools import cached_property
 
 import numpy as np
 
-from mbaid_ros.core.errors import ParameterError, listing
+from mbaid_ros.core.filter.posterior import Posterior
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.reporting import Reporting
-from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.core.results.identifiable import Reporting
+from mbaid_ros.errors import ParameterError, listing
 from mbaid_ros.planning.assurance import RobustLimits, beyond_motion, single_joint
 from mbaid_ros.planning.collisions import Collisions, JointEfforts, ReadMesh, no_mesh
 from mbaid_ros.planning.information import Grid, Information
 from mbaid_ros.planning.motions import Motions
-from mbaid_ros.planning.plan import BINDING, LIMITS, Plan
+from mbaid_ros.planning.planned_motion import BINDING, LIMITS, Plan
 from mbaid_ros.planning.requirements import BaseLimits, Goal, joint_limits, speed_held
 from mbaid_ros.planning.search import Candidate, Search
 from mbaid_ros.planning.splines import Splines

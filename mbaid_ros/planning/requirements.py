@@ -7,9 +7,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from mbaid_ros.core.errors import ParameterError, listing
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.errors import ParameterError, listing
 from mbaid_ros.simulation.motion import independent_limits
 
 _SHARP = 8  # exponent of the mean that stands for the worst, smooth enough to be climbed

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.joint_trajectory import JointTrajectory
+from mbaid_ros.joint_trajectory import JointTrajectory
 from mbaid_ros.planning.requirements import JointLimits
 
 _DENSE = 4  # instants a piece at which limits are checked

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mbaid_ros import cli
-from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.errors import ParameterError
 
 if TYPE_CHECKING:  # --help needs none of it
     from mbaid_ros.recordings.recording import Recording

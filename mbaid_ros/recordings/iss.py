@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 
 from mbaid_ros import limits
-from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import (
     Array,
     exp,
@@ -17,6 +16,7 @@ from mbaid_ros.core.geometry import (
     rotate_back,
     rotation_from_quaternion,
 )
+from mbaid_ros.errors import DataError
 from mbaid_ros.files import read_text
 from mbaid_ros.recordings.recording import Recording, resource
 from mbaid_ros.sensor_messages import Imu, Joints, StoredMomentum

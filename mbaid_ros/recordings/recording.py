@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.bags import BAG_TYPES, BagWriter, message_class
-from mbaid_ros.core.errors import DataError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.errors import DataError
 from mbaid_ros.files import write_text
 from mbaid_ros.sensor_messages import SENSOR_TYPES, Imu, Joints, Poses, StoredMomentum, Thrust, in_order
 

@@ -10,15 +10,14 @@ import numpy as np
 
 from mbaid_ros.calibration.result import Calibration, LinkResult
 from mbaid_ros.cli import one_line
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.core.errors import listing
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.contracts import underestimated_text
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.parameters import BAND, PARAMETERS, rounded
-from mbaid_ros.core.results.reporting import LENGTH
-from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.unknowns.catalogue import underestimated_text
-from mbaid_ros.replay.run import BagMotions
-from mbaid_ros.session.methods import IDENTIFIABLE_STD, LARGEST_RESIDUAL
+from mbaid_ros.core.results.budget import BAND, PARAMETERS, rounded
+from mbaid_ros.core.results.identifiable import IDENTIFIABLE_STD, LARGEST_RESIDUAL, LENGTH
+from mbaid_ros.core.robot.momentum import MomentumKernel
+from mbaid_ros.errors import listing
+from mbaid_ros.replay.one_bag import BagMotions
 from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
 
 _FIRST, _SECOND = np.array([4, 4, 4, 7, 7, 9]), np.array([4, 7, 9, 7, 9, 9])

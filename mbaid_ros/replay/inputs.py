@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from math import inf
 from typing import TYPE_CHECKING
 
-from mbaid_ros.core.errors import DataError, ParameterError
+from mbaid_ros.errors import DataError, ParameterError
 
 if TYPE_CHECKING:  # `--help` needs the defaults alone
     from mbaid_ros.bags import BagReader, Batch
-    from mbaid_ros.config.estimator import EstimatorConfig
+    from mbaid_ros.config.estimator_parameters import EstimatorConfig
     from mbaid_ros.session.session import Session
 
 JOINT_STATE_TYPE = 'sensor_msgs/msg/JointState'

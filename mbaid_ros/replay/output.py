@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from mbaid_ros.core.capture.known_momentum import Capture
+from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.results.estimate import Debris, PassiveJoint
-from mbaid_ros.core.results.parameters import PARAMETERS
-from mbaid_ros.core.sensors.levels import CHANNELS, SensorLevels
+from mbaid_ros.core.results.budget import PARAMETERS
+from mbaid_ros.core.results.estimate import PassiveJoint
+from mbaid_ros.core.results.noise_levels import CHANNELS, SensorLevels
+from mbaid_ros.core.target import Debris
 from mbaid_ros.files import as_utf8, require_writable, write_text
 from mbaid_ros.replay.results import Run
 from mbaid_ros.session.continuation import continuation_as_json

@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from mbaid_ros.core.robot.urdf_document import parse_document
+from mbaid_ros.core.robot.urdf import parse_document
 
 _PACKAGES = (
     ('mbaid_ros', 'mbaid_ros'),

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from mbaid_ros.core.capture.known_momentum import Capture
-from mbaid_ros.core.results.estimate import CapturePhase, Debris, Estimate
+from mbaid_ros.core.capture import Capture
+from mbaid_ros.core.filter.posterior import Posterior
+from mbaid_ros.core.results.estimate import CapturePhase, Estimate
 from mbaid_ros.core.samples import Stamps
-from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.core.target import Debris
 from mbaid_ros.session.model_summary import ModelSummary
 
 HISTORY_LIMIT = 5_000

@@ -13,12 +13,12 @@ import numpy as np
 
 from mbaid_ros import limits
 from mbaid_ros.bags import BagReader
-from mbaid_ros.core.errors import DataError, ParameterError, listing
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.budget import PARAMETERS
 from mbaid_ros.core.results.estimate import contradiction
-from mbaid_ros.core.results.parameters import PARAMETERS
+from mbaid_ros.errors import DataError, ParameterError, listing
+from mbaid_ros.estimate_messages import parameters_of
 from mbaid_ros.files import read_json
-from mbaid_ros.messages.fields import parameters_of
 
 TRUTH_FILE = 'truth.json'
 ESTIMATE_TYPE = 'mbaid_msgs/msg/InertiaEstimate'

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from mbaid_ros.cli import one_line
-from mbaid_ros.core.capture.known_momentum import Capture
-from mbaid_ros.core.errors import listing
+from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.method import FIRST_STAGE
+from mbaid_ros.core.results.budget import MAIN_CAUSES, PARAMETERS, UNITS, UNOBSERVABLE, rounded
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate
-from mbaid_ros.core.results.parameters import MAIN_CAUSES, PARAMETERS, UNITS, UNOBSERVABLE, rounded
-from mbaid_ros.core.two_stage import FIRST_STAGE
-from mbaid_ros.messages.fields import JOINT_MISSING
+from mbaid_ros.core.samples import JOINT_MISSING
+from mbaid_ros.errors import listing
 from mbaid_ros.replay.results import Run
 
 _EVENTS = 5  # that a terminal shows

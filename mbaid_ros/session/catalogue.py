@@ -10,49 +10,41 @@ from functools import partial
 
 import numpy as np
 
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.core.diagnosis.conventions import (
-    ConventionFactory,
-    axis_conventions,
-    inverted_marker,
-    joints_in_degrees,
-    joints_stamped_late,
-    mistaken_masses,
-    mistaken_poses,
-    other_targets,
-    reversed_joints,
-    swapped_joints,
-)
-from mbaid_ros.core.filter.bank import BODY_FORCE, INERTIAL_FORCES, drifting_momentum, drifting_position
-from mbaid_ros.core.filter.state import Declared
-from mbaid_ros.core.filter.time_update import UNDISTURBED, Hypothesis
-from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model import Link, RobotModel
-from mbaid_ros.core.unknowns.base import LATE, TURNING, OdometryTurning, TwistLate, odometry_scale, twist_bias
-from mbaid_ros.core.unknowns.bodies import known_bodies
-from mbaid_ros.core.unknowns.declaration import PlacedFrame, Unknown, uncertain
-from mbaid_ros.core.unknowns.joints import geared_joints
-from mbaid_ros.core.unknowns.sensors import clock_drift
-from mbaid_ros.session.settings import (
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.clocks import clock_drift, declared_drift, declared_offset, joints_stamped_late
+from mbaid_ros.core.contracts import UNDISTURBED, ConventionFactory, Hypothesis, PlacedFrame, Unknown, uncertain
+from mbaid_ros.core.forces import (
+    BODY_FORCE,
+    INERTIAL_FORCES,
     declared_disturbances,
-    declared_drift,
-    declared_gravity,
-    declared_gyro,
-    declared_linear_momentum,
-    declared_mount,
-    declared_offset,
-    declared_orbit_shape,
-    declared_placements,
-    declared_scale,
-    declared_springs,
-    declared_target,
     declared_thrusters,
-    declared_tracking,
-    declared_twist_bias,
-    declared_wheels,
-    imu_link,
-    marker_frame,
+    drifting_momentum,
 )
+from mbaid_ros.core.gyro import declared_gyro, imu_link
+from mbaid_ros.core.joints.faults import joints_in_degrees, reversed_joints, swapped_joints
+from mbaid_ros.core.joints.model import declared_placements, declared_tracking, geared_joints
+from mbaid_ros.core.links import known_bodies, mistaken_masses
+from mbaid_ros.core.odometry.faults import axis_conventions, inverted_marker, mistaken_poses
+from mbaid_ros.core.odometry.model import (
+    LATE,
+    TURNING,
+    OdometryTurning,
+    TwistLate,
+    declared_mount,
+    declared_scale,
+    declared_twist_bias,
+    drifting_position,
+    marker_frame,
+    odometry_scale,
+    twist_bias,
+)
+from mbaid_ros.core.orbit import declared_gravity, declared_orbit_shape
+from mbaid_ros.core.passive.joints import declared_springs
+from mbaid_ros.core.robot.model import Link, RobotModel
+from mbaid_ros.core.robot.momentum import MomentumKernel
+from mbaid_ros.core.state import Declared
+from mbaid_ros.core.target import declared_linear_momentum, declared_target, other_targets
+from mbaid_ros.core.wheels import declared_wheels
 
 
 def unknowns(config: EstimatorConfig, kernel: MomentumKernel, imu: Link | None) -> tuple[Unknown, ...]:

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros import limits
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameter_spec import shown
-from mbaid_ros.config.parameters import values_of
-from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.trajectory.posterior import Continuation
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.filter.posterior import Continuation
+from mbaid_ros.errors import ParameterError
 from mbaid_ros.files import parse_json, read_text
+from mbaid_ros.parameters import shown, values_of
 
 _ACCEPTED = 'accepted: the JSON of one run of replay that reached an estimate with method trajectory'
 # Parameters that give the unknowns' numbers their meaning: both runs need the same.

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from mbaid_ros.core.errors import listing
-from mbaid_ros.core.identifier import RATE_MISSING
-from mbaid_ros.core.sensors.external_momentum import FAR_THRUST, OTHER_MOMENTUM_FRAME, UNKNOWN_FRAME
-from mbaid_ros.core.sensors.joints import PARTNER_GAP
-from mbaid_ros.core.sensors.outliers import JOINT_OUTLIER, JOINTS_HELD, OUTLIER, REPEATED_POSE
-from mbaid_ros.core.sensors.streams import LATE, OTHER_CLOCK, ZERO_STAMP
-from mbaid_ros.core.sensors.synchroniser import NO_ODOMETRY, ODOMETRY_GAP
-from mbaid_ros.messages.fields import (
+from mbaid_ros.core.forces import FAR_THRUST, UNKNOWN_FRAME
+from mbaid_ros.core.gyro import IMU_FRAME
+from mbaid_ros.core.joints.stream import PARTNER_GAP
+from mbaid_ros.core.outliers import JOINT_OUTLIER, JOINTS_HELD, OUTLIER, REPEATED_POSE
+from mbaid_ros.core.pipeline import NO_ODOMETRY, ODOMETRY_GAP, RATE_MISSING
+from mbaid_ros.core.samples import (
     BAD_QUATERNION,
     JOINT_MISSING,
     LOST_TRACKING,
@@ -20,9 +18,23 @@ from mbaid_ros.messages.fields import (
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
 )
-from mbaid_ros.messages.imu import IMU_FRAME
-from mbaid_ros.session.intake import IMU, JOINTS, ODOMETRY, OTHER_SOURCE, REORDER_TIME, SPOKEN
-from mbaid_ros.session.session import Session
+from mbaid_ros.core.streams import LATE, OTHER_CLOCK, ZERO_STAMP
+from mbaid_ros.core.wheels import OTHER_MOMENTUM_FRAME
+from mbaid_ros.errors import listing
+from mbaid_ros.session.session import IMU, JOINTS, ODOMETRY, OTHER_SOURCE, REORDER_TIME, SPOKEN, Session
+
+
+def complaints(session: Session, *, stuck: bool = True) -> list[str]:
+    """Return everything that was or is in the way of using messages, one sentence each; `stuck` as of `obstacles`."""
+    dropped = (f'messages dropped: {reason}' for reason in explain(session, session.dropped))
+    return [*dropped, *obstacles(session, stuck=stuck)]
+
+
+def remarks(session: Session, *, stuck: bool) -> list[str]:
+    """Return the complaints, and the unusable parts of used messages, one sentence each."""
+    partly = (f'messages partly used: {reason}' for reason in explain(session, session.replaced))
+    return [*complaints(session, stuck=stuck), *partly]
+
 
 _APART = 2_000_000_000  # ns between the newest stamps of the two topics: more is no delay, also on a busy machine
 _MANY_OUTLIERS = 0.01  # share of the odometry

@@ -6,27 +6,24 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.core.capture.estimator import CaptureEstimator
-from mbaid_ros.core.difference.estimator import DifferenceEstimator, DifferenceSettings
-from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.identifier import Estimator
-from mbaid_ros.core.paper import PaperEstimator, PaperSettings
-from mbaid_ros.core.results.reporting import Reporting
-from mbaid_ros.core.robot.kernel import MomentumKernel, unknown_scale
-from mbaid_ros.core.trajectory.estimator import TrajectoryEstimator
-from mbaid_ros.core.trajectory.posterior import Continuation
-from mbaid_ros.core.trajectory.target_runs import TrajectorySettings
-from mbaid_ros.core.two_stage import TwoStageEstimator
-from mbaid_ros.core.unknowns.bodies import KnownTarget
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.capture import CaptureEstimator
+from mbaid_ros.core.difference.paper import PaperEstimator, PaperSettings
+from mbaid_ros.core.difference.weighted import DifferenceEstimator, DifferenceSettings
+from mbaid_ros.core.filter.posterior import Continuation
+from mbaid_ros.core.links import declared_errors
+from mbaid_ros.core.method import TrajectoryEstimator, TrajectorySettings, TwoStageEstimator
+from mbaid_ros.core.pipeline import Estimator
+from mbaid_ros.core.results.identifiable import IDENTIFIABLE_STD, LARGEST_RESIDUAL, Reporting
+from mbaid_ros.core.robot.momentum import MomentumKernel, unknown_scale
+from mbaid_ros.core.target import KnownTarget
+from mbaid_ros.errors import ParameterError
 from mbaid_ros.session.catalogue import conventions, hypotheses, suspects
-from mbaid_ros.session.known_robot import KnownRobot, declared_errors, nominal_model
+from mbaid_ros.session.robot import KnownRobot, nominal_model
 
 _RELINEARISED_WINDOWS = 120  # at most, before the linearisation of trajectory freezes: bounds the time of an update
 _DESCRIBED_WINDOWS = 600  # the same where the target has a prior: hours of a station, of which minutes lead nowhere
 _ADAPT = True  # whether trajectory tries hypotheses of disturbances that walk
-IDENTIFIABLE_STD = 0.5  # relative standard deviation below which a parameter counts as identifiable
-LARGEST_RESIDUAL = 2.0  # times the noise: noise that is declared half as large as it is, or a wrong model
 _SOLVED_WINDOWS = 40  # that difference solves again at each update; older ones are marginalised
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbaid_ros.config.estimator import EstimatorConfig, PlanConfig
-from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.config.estimator_parameters import EstimatorConfig, PlanConfig
+from mbaid_ros.core.filter.posterior import Posterior
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.trajectory.posterior import Posterior
+from mbaid_ros.errors import ParameterError
 from mbaid_ros.planning.planner import Planner, PlanSettings
 from mbaid_ros.planning.requirements import BaseLimits
 from mbaid_ros.session.methods import make_reporting

@@ -1,32 +1,259 @@
-"""The robot of a session, with its target link and the captured body; and the collision meshes of its description."""
+"""The robot of a session: what its description and its declarations make."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import unquote
 
 import coal
 import numpy as np
+from scipy.linalg import block_diag
 
 from mbaid_ros import limits
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.core.capture.estimator import CaptureEstimator
-from mbaid_ros.core.capture.known_momentum import Capture
-from mbaid_ros.core.errors import ModelError
+from mbaid_ros.config.calibration_file import CalibrationFile, read_calibration
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.capture import Capture, CaptureEstimator
+from mbaid_ros.core.contracts import Unknown, diagonal, uncertain
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import CapturePhase, Debris, Estimate, debris
-from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.urdf_document import captured_stderr
-from mbaid_ros.core.sensors.base import AttachedFrame
-from mbaid_ros.core.trajectory.solution import joints_carrying_target
+from mbaid_ros.core.joints.model import joint_placements
+from mbaid_ros.core.links import (
+    KnownLinksConfig,
+    TotalMass,
+    calibrated_errors,
+    declared_errors,
+    independent_errors,
+    known_bodies,
+    link_deviations,
+    links_to_bodies,
+)
+from mbaid_ros.core.odometry.model import marker_frame, odometry_mount
+from mbaid_ros.core.odometry.stream import AttachedFrame
+from mbaid_ros.core.passive.joints import joints_carrying_target, springs
+from mbaid_ros.core.results.estimate import CapturePhase, Estimate
+from mbaid_ros.core.robot.model import Link, RobotModel, load_model
+from mbaid_ros.core.robot.momentum import KnownErrors, MomentumKernel, body_sizes
+from mbaid_ros.core.robot.urdf import captured_stderr
+from mbaid_ros.core.state import Declared, UnknownsPrior
+from mbaid_ros.core.target import Debris, debris, described_prior
+from mbaid_ros.core.wheels import storage
+from mbaid_ros.errors import ModelError, ParameterError, listing
 from mbaid_ros.files import require_regular
-from mbaid_ros.session.known_robot import nominal_model, with_known_errors
-from mbaid_ros.session.settings import marker_frame, springs, storage
+from mbaid_ros.session.catalogue import declaration
 
+_LEAST_STD = 1e-6  # least standard deviation of a number in its unit: exact beside others of the same unknown
+# Largest difference between the two files, which have 12 digits: of a body, relative to its typical size; of a joint's
+# frame, m or rad.
+_SAME = 1e-6
+# Warning of a contradicted run in which nothing may deviate.
+EXACT_ROBOT = (
+    'the robot is declared to be exactly its URDF, as only a simulated one is: leave known_links, known_joints and '
+    'odometry_mount at their defaults, or declare its uncertainty'
+)
+_ACCEPTED = 'accepted: the URDF that calibrate --output wrote with it'
 _PACKAGE, _FILE = 'package://', 'file://'
 _HALF_A_PERIOD = 0.35  # half periods by which a window may differ from one
+
+
+@dataclass(frozen=True, eq=False)
+class CalibratedModel:
+    """A calibration beside the robot description, which has its bodies, origins and axes already."""
+
+    links: tuple[Link, ...]  # k of them
+    zeros: Array  # (n,) as of a NominalModel
+    mount: Array  # (6,) as of a NominalModel
+    # (10 k + 6 n + 6,) squared: standard parameters of the links, each in its own frame; of each joint zero,
+    # displacement of its frame and tilts of its axis; mount
+    covariance: Array
+
+    def with_kernel(
+        self, kernel: MomentumKernel, declared: Iterable[Unknown], *, located: bool = True
+    ) -> tuple[MomentumKernel, tuple[Unknown, ...], UnknownsPrior]:
+        """Return a kernel with its target, its unknowns and their joint prior: those not calibrated as declared.
+
+        Parameters
+        ----------
+        declared : all unknowns, in the order of the state
+        located : whether poses are measured; nothing is mounted elsewhere than the base's own frame where not
+        """
+        joints = kernel.model.joints
+        bodies, carry = links_to_bodies(self.links, [link.name for link in kernel.unknown])
+        whole = block_diag(carry, np.eye(6 * joints + 6))
+        covariance, mount = whole @ self.covariance @ whole.T, self.mount
+        if not located:
+            covariance[-6:] = covariance[:, -6:] = 0.0
+            mount = np.zeros(6)
+        deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        of_bodies = deviations[: len(carry)]
+        each = deviations[len(carry) : -6].reshape(joints, 6)
+        zeros, origins, axes = (_size(part) for part in (each[:, :1], each[:, 1:4], each[:, 4:]))
+        orientation, position = _size(deviations[-6:].reshape(2, 3))
+        units = np.concatenate(
+            (
+                of_bodies,
+                np.column_stack((zeros, *(origins,) * 3, *(axes,) * 2)).ravel(),
+                np.repeat((orientation, position), 3),
+            )
+        )
+        values = np.concatenate((np.zeros(len(carry)), np.zeros(6 * joints), mount))
+        values[len(carry) : -6 : 6] = self.zeros
+        doubted = kernel.with_errors(KnownErrors(bodies, diagonal(of_bodies)))
+        robot = uncertain(
+            known_bodies(doubted.model, doubted.errors),
+            joint_placements(doubted, zeros.tolist(), origins.tolist(), axes.tolist()),
+        )
+        of_odometry = uncertain(odometry_mount(float(position), float(orientation)))
+        others = [each for each in declared if not each.calibrated]
+        predicted, read = (tuple(each for each in others if each.in_readings is which) for which in (False, True))
+        known = _gaussian(values, covariance, units)
+        known = known.extended(_count(predicted), before=_count(robot))
+        known = known.extended(_count(read), before=len(known.mean))
+        return doubted, (*robot, *predicted, *of_odometry, *read), known
+
+
+def _count(unknowns: Iterable[Unknown]) -> int:
+    return sum(unknown.count for unknown in unknowns)
+
+
+def _size(deviations: Array) -> Array:
+    """Return the root mean square of each row."""
+    return np.sqrt(np.mean(deviations**2, axis=-1))
+
+
+def _gaussian(values: Array, covariance: Array, units: Array) -> UnknownsPrior:
+    """Return numbers in their units with a factor of their covariance; those without a unit are left out."""
+    uncertain = units > 0.0
+    own = units[uncertain]
+    scaled = covariance[np.ix_(uncertain, uncertain)] / own / own[:, None]
+    size = np.maximum(np.sqrt(np.maximum(np.diag(scaled), 0.0)), _LEAST_STD)
+    eigenvalues, vectors = np.linalg.eigh(scaled / size / size[:, None])
+    return UnknownsPrior(values[uncertain] / own, size[:, None] * vectors * np.sqrt(np.maximum(eigenvalues, 0.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class KnownRobot:
+    """The nominal model with its uncertainty, as the trajectory filter needs it."""
+
+    kernel: MomentumKernel  # with the errors of its known bodies, as the unknowns have them
+    declared: Declared
+
+
+def with_known_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> tuple[MomentumKernel, Array | None]:
+    """Return a kernel with the errors of its known bodies, and the covariance of the target link's own parameters.
+
+    The covariance is (10, 10) of (m, h, I_o) in the target link's frame, None where they count as exact.
+
+    Raises ParameterError: The parameters contradict each other or the robot, or the calibration cannot be used.
+    """
+    link = kernel.target.parameters
+    if not config.calibration:
+        given = config.links.get(kernel.target.name)
+        own = {0: link_deviations(link, config, given)} if given and link[0] > 0.0 else {}
+        target = independent_errors(link[None], config.relative_std, own)
+        return kernel.with_errors(declared_errors(kernel, config)), target.covariance if target.count else None
+    found = _calibration(kernel.model, config)
+    count = 10 * len(found.links)
+    links = [kernel.model.link(name) for name in found.links]
+    errors = calibrated_errors(links, found.covariance[:count, :count], [link.name for link in kernel.unknown])
+    place = 10 * found.links.index(kernel.target.name) if kernel.target.name in found.links else None
+    alone = None if place is None else found.covariance[place : place + 10, place : place + 10]
+    return kernel.with_errors(errors), alone
+
+
+def nominal_model(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot:
+    """Return the nominal model of a kernel that has the errors of its known bodies, as declared or calibrated.
+
+    Raises ParameterError: The parameters contradict each other or the robot, or the calibration cannot be used.
+    """
+    as_declared = declaration(config, kernel)
+    if not config.known_links.calibration:
+        given = config.known_links.links.get(kernel.target.name)
+        if given is not None and not config.debris.report:  # otherwise it is of the <inertial> alone
+            as_declared = replace(as_declared, target=described_prior(config.target_prior, kernel, given))
+        return KnownRobot(kernel, replace(as_declared, total_mass=_mass_without_target(config.known_links, kernel)))
+    found = _calibration(kernel.model, config.known_links)
+    side = CalibratedModel(
+        tuple(kernel.model.link(name) for name in found.links),
+        found.values[10 * len(found.links) : -6 : 6],
+        found.values[-6:],
+        found.covariance,
+    )
+    located = not config.imu.alone or config.imu.orientation
+    kernel, unknowns, known = side.with_kernel(kernel, as_declared.unknowns, located=located)
+    return KnownRobot(kernel, replace(as_declared, unknowns=unknowns, joint_prior=known))
+
+
+def declared_mass(config: KnownLinksConfig) -> TotalMass | None:
+    """Return the mass of the whole robot, None where it is not declared; half of a declaration is refused."""
+    if (config.total_mass > 0.0) != (config.total_mass_std > 0.0):
+        raise ParameterError(
+            f"parameters 'known_links.total_mass' and '.total_mass_std' are {config.total_mass:g} kg and "
+            f'{config.total_mass_std:g} kg; accepted: both above 0, or none'
+        )
+    return TotalMass(config.total_mass, config.total_mass_std) if config.total_mass else None
+
+
+def _mass_without_target(config: KnownLinksConfig, kernel: MomentumKernel) -> TotalMass | None:
+    """Return the mass of all bodies but the target, whose own part has the mass of its <inertial>, as declared."""
+    total, own = declared_mass(config), kernel.target.parameters
+    if total is None or own[0] <= 0.0:
+        return total
+    given = config.links.get(kernel.target.name, {}).get('mass_relative_std', np.sqrt(2.0) * config.relative_std)
+    return TotalMass(total.mass - float(own[0]), float(np.hypot(total.std, given * own[0])))
+
+
+def declared_exact(config: EstimatorConfig) -> bool:
+    """Return whether the parameters declare a robot that is exactly its URDF.
+
+    Fault isolation tries single causes one by one: that everything deviates a little is none of them.
+    """
+    links, joints, mount = config.known_links, config.known_joints, config.odometry_mount
+    uncertain = (
+        *(links.relative_std, links.links, links.calibration),
+        *(joints.zero_std, joints.origin_std, joints.axis_std, joints.tracking_std, joints.joints),
+        *(mount.position_std, mount.orientation_std),
+    )
+    return not any(uncertain)
+
+
+def _calibration(model: RobotModel, config: KnownLinksConfig) -> CalibrationFile:
+    """Return the calibration that the parameters name, of the very robot."""
+    found = read_calibration(config.calibration)
+    _require_the_same(found, model)
+    return found
+
+
+def _require_the_same(found: CalibrationFile, model: RobotModel) -> None:
+    """Refuse a calibration of another robot, or one whose values the robot description does not have."""
+    names = [link.name for link in model.links]
+    foreign = [name for name in found.links if name not in names]
+    if foreign:
+        raise ParameterError(
+            f"calibration '{found.path}' is of {listing(foreign)}; accepted: links of the robot description: "
+            f'{listing(names)}'
+        )
+    if found.joints != model.joint_names:
+        raise ParameterError(
+            f"calibration '{found.path}' has the joints {listing(found.joints)}; accepted: those of the robot "
+            f'description: {listing(model.joint_names)}'
+        )
+    for index, name in enumerate(found.links):
+        link, values = model.link(name).parameters, found.values[10 * index : 10 * index + 10]
+        if not link[0] > 0.0 or np.any(np.abs(link - values) > _SAME * body_sizes(link)):
+            raise ParameterError(
+                f"link '{name}' has other values in the robot description than in calibration '{found.path}' "
+                f'({link[0]:.6g} kg, {values[0]:.6g} kg); {_ACCEPTED}'
+            )
+    moved = np.linalg.norm(model.positions - found.positions, axis=1)
+    turned = np.linalg.norm(model.rotations - found.rotations, axis=(1, 2))
+    for name, metres, radians in zip(model.joint_names, moved, turned, strict=True):
+        if max(metres, radians) > _SAME:
+            raise ParameterError(
+                f"joint '{name}' is elsewhere in the robot description than in calibration '{found.path}' "
+                f'({metres:.2g} m, {radians:.2g} rad away); {_ACCEPTED}'
+            )
 
 
 def mesh_points(name: str) -> Array:

@@ -1,33 +1,394 @@
-"""A run of the estimator: messages in, estimates out."""
+"""One run of the estimator: messages queued in the order of arrival, read to streams, handed to the method."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.contracts import Check
+from mbaid_ros.core.filter.posterior import Continuation, Posterior
+from mbaid_ros.core.forces import EXACT_THRUST, LATE_THRUST, SHARED_THRUST, Thrust, uncertain_thrusters, wrench_of
+from mbaid_ros.core.gyro import DeadReckoning, ImuReader, gyro_check, imu_reader, make_gyro
+from mbaid_ros.core.joints.faults import JointRates
+from mbaid_ros.core.joints.stream import JointMerge, JointReader
+from mbaid_ros.core.noise import NoiseEstimator
+from mbaid_ros.core.odometry.faults import HeldBase, twist_check
+from mbaid_ros.core.odometry.model import PoseConfig
+from mbaid_ros.core.odometry.stream import PoseReader, measured_orientation, odometry_reader, source_of
+from mbaid_ros.core.orbit import falling_frame
+from mbaid_ros.core.pipeline import Estimator, Identifier, PlainFaults, Synchroniser, WindowChecks
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, SHARED_THRUST
-from mbaid_ros.core.sensors.synchroniser import Synchroniser
-from mbaid_ros.core.trajectory.posterior import Continuation, Posterior
+from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Packets, Source, number_of, stamp_of, stamps_of
+from mbaid_ros.core.streams import OTHER_CLOCK, Gate, Reorder
+from mbaid_ros.core.wheels import StoredMomentum, vector_of
+from mbaid_ros.errors import DataError
 from mbaid_ros.estimate_messages import Frames
-from mbaid_ros.messages.fields import number_of, stamp_of, vector_of, wrench_of
 from mbaid_ros.session.continuation import read_continuation
-from mbaid_ros.session.intake import IMU, JOINTS, ODOMETRY, BaseSource, MessageQueue
-from mbaid_ros.session.model_summary import ModelSummary, summarise
-from mbaid_ros.session.robot import Robot
-from mbaid_ros.session.segment import MakeEstimator, Segment
+from mbaid_ros.session.methods import make_capture, make_estimator
+from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
+from mbaid_ros.session.robot import EXACT_ROBOT, Robot, declared_exact
 
+JOINTS, ODOMETRY, IMU = 'joint_states', 'odom', 'imu'
+SPOKEN = {JOINTS: 'the joint states', ODOMETRY: 'the poses of the base', IMU: 'the IMU'}  # whatever their topics are
+TIME_JUMP = 1.0  # s between consecutive stamps of a topic: no sensor pauses and resumes in its own past
+REORDER_TIME = 0.05  # s, that messages wait for late ones at most: longer waits would delay every estimate
+OTHER_SOURCE = 'the pose of the base comes from another source'
+PART = 300  # messages processed at once while a window is open: each time costs as much as reading a hundred
+_LEFT = (0.75, 0.5, 0.3, 0.05)  # parts of a window before its end, at which the waiting messages are processed
+_CLOSING = 0.1  # of a window, before its end
+MakeEstimator = Callable[..., Estimator]
 IMU_NOT_ASKED_FOR = 'an IMU is published but not used: set imu.noise_density'
-
 # No known data lead to these. A node in a robot's graph has to report them and go on all the same.
 UNSOLVABLE = (np.linalg.LinAlgError, FloatingPointError)
-
 _RESTARTS_KEPT = 20
+
+
+class MessageQueue:
+    """Collects the messages of all topics, each in the order of arrival."""
+
+    def __init__(self, topics: Collection[str]) -> None:
+        self._threshold = round(TIME_JUMP * 1e9)
+        self._gates = {name: Gate(self._threshold) for name in topics}
+        self._epoch = 0
+        self._dropped: Counter[str] = Counter()
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Messages that were not taken, by cause."""
+        return sum((gate.dropped for gate in self._gates.values()), Counter(self._dropped))
+
+    @property
+    def newest(self) -> dict[str, int | None]:
+        """The latest stamp of each topic, ns; None before its first."""
+        return {name: gate.newest for name, gate in self._gates.items()}
+
+    @property
+    def latest(self) -> int | None:
+        """The latest stamp of all, ns; None before the first."""
+        return max((gate.newest for gate in self._gates.values() if gate.newest is not None), default=None)
+
+    @property
+    def waiting(self) -> dict[str, int]:
+        """Number of waiting messages of each topic; a packet of several counts as one."""
+        return {name: len(gate.messages) for name, gate in self._gates.items()}
+
+    def add(self, name: str, stamp: int, message: Any) -> str | None:
+        """Add a message; where it confirms that stamps jumped back, return the reason to start again.
+
+        The reason is empty if another topic jumped first. Messages from before the jump wait;
+        `confirm_jump` adds those from after it.
+        """
+        gate = self._gates[name]
+        behind = gate.epoch != self._epoch
+        if behind and not self._takes(stamp):
+            return None
+        jump = gate.add(stamp, message)
+        if jump:
+            return self._jumped(name, jump)
+        if behind and gate.messages and gate.messages[-1] is message:
+            gate.epoch = self._epoch
+        return None
+
+    def confirm_jump(self, name: str, message: Any) -> None:
+        """Add the messages that have shown a jump back, the last of which is `message`."""
+        self._gates[name].confirm_jump(message)
+
+    def add_regular(self, messages: Mapping[str, Sequence[Any]]) -> bool:
+        """Add messages of all topics (lists or packets, as they came) if all stamps are regular; else return False."""
+        stamps = {name: stamps_of(part) for name, part in messages.items()}
+        gates = self._gates.items()
+        if not all(gate.epoch == self._epoch and gate.all_pass(stamps[name]) for name, gate in gates):
+            return False
+        for name, gate in gates:
+            part = messages[name]
+            gate.add_regular(stamps[name], [part] if isinstance(part, Packets) else part)
+        return True
+
+    def take_all(self) -> dict[str, list[Any]]:
+        """Return the waiting messages by topic, and empty the queue."""
+        return {name: gate.pop_all() for name, gate in self._gates.items()}
+
+    def _takes(self, stamp: int) -> bool:
+        """Return whether to take a message of a topic that has not jumped back with another one."""
+        jumped = [gate.newest for gate in self._gates.values() if gate.epoch == self._epoch and gate.newest is not None]
+        if jumped and stamp > max(jumped) + self._threshold:
+            self._dropped[OTHER_CLOCK] += 1
+            return False
+        return True
+
+    def _jumped(self, name: str, amount: int) -> str:
+        """Return why to start again; the second topic to jump back only follows the first."""
+        gate = self._gates[name]
+        if gate.epoch <= self._epoch:
+            return ''
+        self._epoch = gate.epoch
+        back = f'the stamps of {SPOKEN[name]} jumped back by {amount * 1e-9:.6g} s'
+        return f'{back} (a bag or simulation started again, a clock set)'
+
+
+class BaseSource:
+    """The messages that locate the base: of the source that comes first, or of the one that the parameters name.
+
+    Attributes
+    ----------
+    kind, dropped : of the source, None before the first message; number of messages of other sources
+
+    Parameters
+    ----------
+    frame : of poses without a name; empty for one that is no link's
+    needed : whether any source is used
+    """
+
+    def __init__(self, config: PoseConfig, frame: str, *, needed: bool) -> None:
+        self._poses = PoseReader(frame, config.tf_child_frame)
+        self._needed = needed
+        self.kind: Source | None = 'tf' if config.tf_child_frame else None
+        self.dropped: Counter[str] = Counter()
+
+    def poses(self, messages: Sequence[Any]) -> Sequence[Any]:
+        """Return the messages of any source as Odometry or as poses."""
+        if isinstance(messages, Packets):
+            return messages
+        each = ([message] if source_of(message) == 'odom' else self._poses.read(message) for message in messages)
+        return [pose for poses in each for pose in poses]
+
+    def accepts(self, messages: Sequence[Any]) -> bool:
+        """Return whether messages are all of the source that is used."""
+        return all(self._is_used(kind) for kind in _kinds(messages))
+
+    def accepted(self, messages: Sequence[Any]) -> Sequence[Any]:
+        """Return the messages of the used source as Odometry or as poses; the others are counted as dropped."""
+        for kind in _kinds(messages):
+            if self.kind is None and kind != 'tf':
+                self.kind = kind
+        if isinstance(messages, Packets):
+            used: Sequence[Any] = messages if self._is_used('odom') else []
+        else:
+            used = [message for message in messages if self._is_used(source_of(message))]
+        self.dropped[OTHER_SOURCE] += len(messages) - len(used)
+        return self.poses(used)
+
+    def _is_used(self, kind: Source) -> bool:
+        return self._needed and (kind == self.kind or (self.kind is None and kind != 'tf'))
+
+
+def _kinds(messages: Sequence[Any]) -> set[Source]:
+    return {'odom'} if isinstance(messages, Packets) else {source_of(message) for message in messages}
+
+
+class Intake:
+    """The readers of a run's messages, and the measurements that wait until their order is sure.
+
+    Raises ParameterError: The IMU cannot be on the frame that the parameters name.
+
+    Attributes
+    ----------
+    joint_reader, odometry_reader, imu_reader, stored_momentum : of messages
+    merge : of joints from several publishers
+    faults : plain in the joint readings or the robot description
+    alone, orientation_measured : whether an IMU alone measures the base's motion, and has measured an orientation
+    """
+
+    def __init__(self, config: EstimatorConfig, robot: Robot) -> None:
+        self._robot = robot
+        self.joint_reader = JointReader(robot.model.independent_joints, config.wheels.names, config.flexible.joints)
+        prefix, declared = config.frame_prefix, config.noise.declared
+        self.odometry_reader = odometry_reader(robot.model, prefix, robot.marker, config.twist_frame, declared)
+        self.imu_reader: ImuReader = imu_reader(
+            config.imu, robot.model, config.target_link, prefix, declared.base_orientation
+        )
+        self.stored_momentum = StoredMomentum(robot.model, config.wheels.momentum_frame)
+        self.alone = config.imu.alone
+        limit, beside = round(REORDER_TIME * 1e9), robot.kernel.storage.count
+        turning = ~np.array(robot.model.prismatic, dtype=bool)[robot.model.transmission.independent]
+        turning = np.append(turning, np.zeros(beside, dtype=bool))
+        self.merge = JointMerge(
+            turning, round(config.maximum_gap * 1e9), limit, beside, config.noise.declared.joint_position
+        )
+        self.faults = PlainFaults(robot.model, config.noise.declared.joint_position)
+        self._reorder = Reorder[BaseStream](limit)
+        self._reorder_imu = Reorder[ImuStream](limit)
+        self._reckoning = DeadReckoning()
+        self._with_orientation = config.imu.orientation
+        self.orientation_measured = False
+        self._refused: Counter[str] = Counter()
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Unused messages, by cause."""
+        parts = (self.merge, self._reorder, self._reorder_imu, self.stored_momentum)
+        return sum((part.dropped for part in parts), Counter(self._refused))
+
+    def streams(
+        self, messages: Mapping[str, Sequence[Any]]
+    ) -> tuple[JointStream | None, BaseStream | None, ImuStream | None]:
+        """Return the measurements of all joints, base and gyro in messages, by topic, as far as their order is sure."""
+        joints, dropped_joints = self.joint_reader.read(messages[JOINTS])
+        base, dropped_base = self.odometry_reader.read(messages[ODOMETRY])
+        self._refused += dropped_joints + dropped_base
+        self.faults.add(joints, base)
+        imu = None
+        if IMU in messages:
+            measured, dropped = self.imu_reader.read(messages[IMU])
+            self._refused += dropped
+            imu = self._reorder_imu.push(measured)
+        if not self.alone:
+            located = self._reorder.push(base)
+        elif self._with_orientation:
+            located = measured_orientation(imu)
+            self.orientation_measured |= located is not None
+        else:
+            located = self._reckoning.push(imu)
+        stored = self.stored_momentum.stream()
+        if stored is not None:
+            every = range(len(self._robot.readings))
+            joints[tuple(every[-stored.position.shape[1] :])] = stored
+        merged = self.merge.push(joints)
+        if merged is not None:
+            merged = merged.without_stored_momentum(len(self._robot.model.independent_joints))
+        return self._all_joints(merged), located, imu
+
+    def completes(self, end: int, name: str, newest: Mapping[str, int | None]) -> bool:
+        """Return whether no message still to come belongs to a window.
+
+        The first joints after its `end` (ns) complete it, with odometry (and IMU) no earlier than these. `name` is the
+        topic of the latest message, `newest` the latest stamp (ns) of each topic; None before the first.
+        """
+        joints, base = newest[JOINTS], newest[IMU if self.alone else ODOMETRY]
+        if joints is None or base is None:
+            return False
+        joints -= self.merge.hold
+        wanted = joints if name == JOINTS else end
+        if IMU in newest and not self.alone:
+            imu = newest[IMU]
+            if imu is None or imu - self._reorder_imu.hold < wanted:
+                return False
+        hold = (self._reorder_imu if self.alone else self._reorder).hold
+        return joints >= end and base - hold >= wanted
+
+    def _all_joints(self, measured: JointStream | None) -> JointStream | None:
+        """Return the measurements of all joints, those that mimic others too."""
+        moved = self._robot.model.transmission
+        if measured is None or moved.direct:
+            return measured
+        position, velocity = moved.positions(measured.position), moved.rates(measured.velocity)
+        return replace(measured, position=position, velocity=velocity)
+
+
+class Segment:
+    """The readers of a run's messages, and its method; parameters as for Session."""
+
+    def __init__(
+        self, config: EstimatorConfig, robot: Robot, make: MakeEstimator | None, before: Continuation | None
+    ) -> None:
+        self._config = config
+        self._robot = robot
+        self._left = [round(1e9 * part * config.window) for part in _LEFT]
+        self._processed = (-1, 0)  # end of the window last processed in, and how many of the times of `_LEFT` passed
+        self.intake = Intake(config, robot)
+        model, described = robot.model, robot.kernel
+        make = make or partial(make_estimator, before=before)
+        method = partial(make, config, described, robot.known)
+        self._capture = make_capture(config, described, method)
+        robot.begin(self._capture)
+        self.thrust = Thrust(model, uncertain_thrusters(config.thrust, model))
+        noise = config.noise
+        gyro = make_gyro(config.imu, model, config.target_link, config.frame_prefix, config.maximum_gap)
+        checks: list[Check] = [twist_check(), HeldBase(described)]
+        if gyro is not None and gyro.on_base and config.method == 'trajectory':
+            checks.append(gyro_check())
+        falling = falling_frame(config.orbit, model, located=not config.imu.alone)
+        self.identifier = Identifier(
+            self._capture or method(),
+            config.window,
+            config.maximum_gap,
+            WindowChecks(checks, JointRates(model.joint_names)),
+            (self.thrust,) if falling is None else (self.thrust, falling),
+            NoiseEstimator(
+                noise.declared,
+                described.model.joints,
+                noise.undeclared,
+                estimate=noise.estimate,
+                trusted=noise.trust_declared,
+                passive=described.springs.joints,
+            ),
+            view=None if falling is None else falling.to_falling_frame,
+            gyro=gyro,
+        )
+
+    @property
+    def dropped(self) -> Counter[str]:
+        """Unused messages, by cause."""
+        return self.intake.dropped + self.identifier.dropped + self.thrust.dropped
+
+    def process(self, messages: Mapping[str, Sequence[Any]], *, last: bool = False) -> list[Estimate]:
+        """Return the estimates of messages, by topic; raise one of UNSOLVABLE if the equations have no solution."""
+        streams = self.intake.streams(messages)
+        self.thrust.odometry_frame = self.intake.odometry_reader.frame
+        found = self.identifier.push(*streams)
+        estimates = map(self.intake.faults.applied, [*found, *(self.identifier.finish() if last else ())])
+        return [self._with_doubts(each) if each.contradicted else each for each in estimates]
+
+    def _with_doubts(self, estimate: Estimate) -> Estimate:
+        """Return a contradicted estimate with causes that no likelihood can score: wheels, and a robot held exact."""
+        text = unmoved_joints(self.intake.joint_reader.others, self._robot.model, ())
+        causes, warnings = estimate.causes, estimate.warnings
+        if text:  # second, with the gain of the first
+            causes = (*causes[:1], (text, causes[0][1] if causes else 0.0), *causes[1:])
+        if declared_exact(self._config):
+            warnings = (*warnings, EXACT_ROBOT)
+        return replace(estimate, causes=causes, warnings=warnings)
+
+    def is_due(self, name: str, stamp: int, queue: MessageQueue) -> bool:
+        """Return whether to process after a message (stamp in ns): a part of a window has gathered, or all of it."""
+        waiting, intake = queue.waiting, self.intake
+        if sum(waiting.values()) >= PART:
+            return True
+        end = self.identifier.end_of_window
+        both = waiting[JOINTS] > 0 and waiting[IMU if intake.alone else ODOMETRY] > 0
+        if end is None or (both and self._part_gathered(stamp, end)):
+            return both
+        return stamp >= end and intake.completes(end, name, queue.newest)
+
+    def _part_gathered(self, stamp: int, end: int) -> bool:
+        """Return, once for each time of `_LEFT`, whether it has passed, so that little is left to do at the end."""
+        passed = sum(stamp >= end - left for left in self._left) if stamp < end else 1
+        if not passed or (end, passed) <= self._processed:
+            return False
+        self._processed = (end, passed)
+        return True
+
+    def closing(self, newest: int | None) -> int | None:
+        """Return the end (ns) of the window whose last messages are coming; `newest` is the joints' stamp (ns)."""
+        end = self.identifier.end_of_window
+        if end is None or newest is None or newest < end - round(_CLOSING * 1e9 * self._config.window):
+            return None
+        return end
+
+    def captured(self, newest: int | None) -> str:
+        """Set the capture at a stamp (ns, None before the first), as `Session.capture` does."""
+        capture = self._capture
+        if capture is None:
+            raise DataError(
+                'this run began after the capture; accepted: a capture in one that begins with capture.phase: '
+                'pre_capture'
+            )
+        if newest is None or not self.identifier.used:
+            raise DataError('there are no samples yet; accepted: a capture after the first')
+        time, before = (newest - self.identifier.origin) * 1e-9, capture.time
+        if before is None:
+            capture.time = time
+            return f'captured {time:.3f} s after the first sample'
+        if not time > before:
+            raise DataError(f'the capture was announced before, at {before:.6g} s; accepted: a later one, or reset')
+        capture.restart_at(time)
+        return f'captured {time:.3f} s after the first sample, not {before:.3f} s: the estimate since then is dropped'
 
 
 class Session:

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio
 
-from mbaid_ros.core.errors import ModelError, listing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, configurations, parse
+from mbaid_ros.errors import ModelError, listing
 from mbaid_ros.simulation.environment import BodyPoses, BodyWrench, Effect, Springs
 
 # Smallest eigenvalue, relative to the largest, of the joint-space inertia scaled to a unit diagonal. Rounding leaves

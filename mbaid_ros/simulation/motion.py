@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.urdf import Transmission
+from mbaid_ros.errors import ParameterError
 
 # Gains of the tracking error. The torques are those of the exact model, so only the integrator's own error is left to
 # correct: a slow, critically damped loop (1 rad/s) is enough and does not shorten the step.

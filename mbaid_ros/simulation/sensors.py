@@ -9,13 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, rotate_back
-from mbaid_ros.core.robot.kinematics import Kinematics
-from mbaid_ros.core.robot.model import Link, RobotModel
-from mbaid_ros.core.robot.model_errors import ModelErrors
+from mbaid_ros.core.robot.model import Kinematics, Link, RobotModel
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.simulation import PiecewiseSimulation, Simulation, Truth
-from mbaid_ros.simulation.true_robot import as_measured
+from mbaid_ros.simulation.true_robot import ModelErrors, as_measured
 
 
 @dataclass(frozen=True)

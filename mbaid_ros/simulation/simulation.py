@@ -8,13 +8,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.integrate import DOP853, DenseOutput
 
-from mbaid_ros.core.errors import DataError, ModelError
 from mbaid_ros.core.geometry import Array, cross, quaternion_from_rotation, rotate_back, rotation_from_quaternion
-from mbaid_ros.core.robot.kinematics import Kinematics
-from mbaid_ros.core.robot.model import RobotModel, express
+from mbaid_ros.core.orbit import Orbit
+from mbaid_ros.core.robot.model import Kinematics, RobotModel, express
 from mbaid_ros.core.robot.momentum import momentum
-from mbaid_ros.core.robot.orbit import Orbit
 from mbaid_ros.core.samples import ArrayRecord
+from mbaid_ros.errors import DataError, ModelError
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.dynamics import DIVERGED, Dynamics, State
 from mbaid_ros.simulation.environment import BodyWrench, Environment, Wheels

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from mbaid_ros.core.errors import DataError, listing
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.joint_trajectory import JointTrajectory
 from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.errors import DataError, listing
+from mbaid_ros.joint_trajectory import JointTrajectory
 from mbaid_ros.simulation.motion import Driven
 
 Places = npt.NDArray[np.intp]

@@ -7,14 +7,64 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core.errors import ModelError
 from mbaid_ros.core.geometry import Array, cross
-from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.model_errors import ModelErrors, heaviest_link, in_link_frame, relative_factor, with_bodies
+from mbaid_ros.core.links import relative_factor
+from mbaid_ros.core.robot.model import Link, RobotModel, displace_joint, express, load_model, replace_inertial
 from mbaid_ros.core.robot.momentum import is_physical, physical
-from mbaid_ros.core.robot.urdf_edit import displace_joint, replace_inertial
+from mbaid_ros.errors import ModelError
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.simulation import Truth
+
+
+@dataclass(frozen=True)
+class ModelErrors:
+    """The true robot of n joints less its URDF."""
+
+    bodies: Array  # (n + 1, 10) standard parameters (m, h, I_o) of each moving body, in its own frame: kg, kg m, kg m^2
+    zeros: Array  # (n,) true joint position less the measured one, rad or m
+    origins: Array  # (n, 3) m, displacement of each joint's frame, in that frame
+    # (n, 3) rad, rotation vector of each joint's frame with its subtree, in that frame, normal to the axis
+    tilts: Array
+    mount: Array  # (6,) the true base frame in the one that the odometry locates: rotation vector (rad), position (m)
+
+    @staticmethod
+    def zero(joints: int) -> ModelErrors:
+        """Return the errors of a robot that is exactly its URDF."""
+        return ModelErrors(
+            np.zeros((joints + 1, 10)), np.zeros(joints), np.zeros((joints, 3)), np.zeros((joints, 3)), np.zeros(6)
+        )
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether the robot is exactly its URDF."""
+        return not any(np.any(block) for block in vars(self).values())
+
+
+def with_bodies(model: RobotModel, change: Array, fixed: Sequence[str]) -> RobotModel:
+    """Return a robot whose moving bodies differ by (n + 1, 10) standard parameters, each in its own frame.
+
+    The `heaviest_link` of each body takes the change; a body without one stays.
+    """
+    changed = {}
+    for body in np.flatnonzero(np.any(change, axis=1)).tolist():
+        link = heaviest_link(model, body, fixed)
+        if link is not None:
+            changed[link.name] = replace(link, parameters=link.parameters + in_link_frame(link, change[body]))
+    return replace(model, links=tuple(changed.get(link.name, link) for link in model.links))
+
+
+def heaviest_link(model: RobotModel, body: int, fixed: Sequence[str] = ()) -> Link | None:
+    """Return the heaviest link of a moving body, other than those in `fixed`; None where none of them has mass."""
+    massive = [
+        link for link in model.links if link.body == body and link.name not in fixed and link.parameters[0] > 0.0
+    ]
+    return max(massive, key=lambda link: float(link.parameters[0]), default=None)
+
+
+def in_link_frame(link: Link, parameters: Array) -> Array:
+    """Return a body's (10,) standard parameters in the frame of one of its links."""
+    back = link.rotation.T
+    return express(parameters, back, -back @ link.position)
 
 
 def true_robot(model: RobotModel, errors: ModelErrors, fixed: Sequence[str] = ()) -> RobotModel:

@@ -13,15 +13,16 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from benchmarks.data import Case, exact_samples, kernel, momentum_of
-from mbaid_ros.core.difference.errors_in_variables import maximum_likelihood
-from mbaid_ros.core.difference.window_rows import Subspace, subspace, window_rows
-from mbaid_ros.core.filter.knots import Midpoints
-from mbaid_ros.core.filter.state import ANGULAR_FIRST, POSE, Layout
-from mbaid_ros.core.filter.twist_prediction import joint_gains, predict
+from mbaid_ros.core.difference.likelihood import maximum_likelihood
+from mbaid_ros.core.difference.weighted import Subspace, subspace, window_rows
+from mbaid_ros.core.filter.linearise import predict
 from mbaid_ros.core.geometry import Array, Flags, cross
-from mbaid_ros.core.robot.kinematics import PlaneDetector
+from mbaid_ros.core.joints.model import joint_gains
+from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import physical_jacobian
 from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.state import POSE, Layout
+from mbaid_ros.core.windows import ANGULAR_FIRST, Midpoints
 from mbaid_ros.simulation.simulation import Truth
 
 _BATCH = 500  # samples

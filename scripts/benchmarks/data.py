@@ -11,17 +11,15 @@ import numpy as np
 
 from benchmarks.honesty.readings import Defect, Readings, correlated, outliers, read_by, thinned, wandering
 from mbaid_ros.bags import BAG_TYPES, BagWriter
-from mbaid_ros.config.files import load_parameter_file, read_robot_description
-from mbaid_ros.config.parameters import build
-from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.config.parameter_files import load_parameter_file, read_robot_description
+from mbaid_ros.config.simulator_parameters import SimulatorConfig
 from mbaid_ros.core.geometry import Array, rotate, rotation_from_quaternion
+from mbaid_ros.core.pipeline import Synchroniser
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.model_errors import ModelErrors
-from mbaid_ros.core.robot.momentum import physical
+from mbaid_ros.core.robot.momentum import MomentumKernel, physical
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
-from mbaid_ros.core.sensors.synchroniser import Synchroniser
+from mbaid_ros.parameters import build
 from mbaid_ros.sensor_messages import Joints, Poses, Thrust, in_order, joints_of, poses_of
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_simulation
@@ -30,7 +28,7 @@ from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
-from mbaid_ros.simulation.true_robot import ErrorStds, draw, generator, true_robot
+from mbaid_ros.simulation.true_robot import ErrorStds, ModelErrors, draw, generator, true_robot
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config'
 ROBOTS = {

@@ -23,33 +23,30 @@ from benchmarks.data import (
     true_model,
 )
 from benchmarks.frame import Runs, declared
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import build
-from mbaid_ros.core.filter.averaging import KnotAveraging
-from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
-from mbaid_ros.core.filter.state import BODY, MOMENTUM, layout_of
-from mbaid_ros.core.filter.time_update import UNDISTURBED, advance
-from mbaid_ros.core.filter.variables import variables
-from mbaid_ros.core.filter.whitened import LinearisationCache
-from mbaid_ros.core.filter.window import Window, stacked
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.contracts import UNDISTURBED, Unknown, stacked
+from mbaid_ros.core.filter.gaussian import SquareRootInformation, update
+from mbaid_ros.core.filter.linearise import LinearisationCache
+from mbaid_ros.core.filter.posterior import MeanAndCovariance
+from mbaid_ros.core.filter.time_update import advance
 from mbaid_ros.core.geometry import Array, cross
-from mbaid_ros.core.identifier import Identifier
-from mbaid_ros.core.results.parameters import PARAMETERS
-from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.robot.model_errors import ModelErrors, relative_factor
+from mbaid_ros.core.joints.model import JointPlacements
+from mbaid_ros.core.links import KnownBodies, declared_errors, relative_factor
+from mbaid_ros.core.odometry.model import OdometryMount
+from mbaid_ros.core.pipeline import Identifier
+from mbaid_ros.core.results.budget import PARAMETERS
+from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import body_sizes, physical_jacobian
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.sensors.streams import Windows
-from mbaid_ros.core.unknowns.base import OdometryMount
-from mbaid_ros.core.unknowns.bodies import KnownBodies
-from mbaid_ros.core.unknowns.declaration import Unknown
-from mbaid_ros.core.unknowns.joints import JointPlacements
+from mbaid_ros.core.state import BODY, MOMENTUM, layout_of, variables
+from mbaid_ros.core.streams import Windows
+from mbaid_ros.core.windows import KnotAveraging, Window
+from mbaid_ros.parameters import build
 from mbaid_ros.replay.campaigns.statistics import coverage, mean, nees, nees_band
 from mbaid_ros.session.catalogue import declaration
-from mbaid_ros.session.known_robot import declared_errors
 from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.simulation.simulation import Truth, total_momentum
-from mbaid_ros.simulation.true_robot import ErrorStds
+from mbaid_ros.simulation.true_robot import ErrorStds, ModelErrors
 
 # The defaults of the estimator's parameters.
 DEFAULT = ErrorStds(0.01, 1e-3, 1e-3, 1e-3, 2e-3, 2e-3)

@@ -7,20 +7,18 @@ from functools import cache
 import numpy as np
 
 from benchmarks.data import NOISE, RATE, model, readings
-from mbaid_ros.config.parameters import build
-from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.config.simulator_parameters import SimulatorConfig
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.model_errors import BodyDeviations, ModelErrors
-from mbaid_ros.core.robot.momentum import is_physical, physical
-from mbaid_ros.core.robot.urdf_edit import replace_inertial
+from mbaid_ros.core.links import BodyDeviations
+from mbaid_ros.core.pipeline import Synchroniser
+from mbaid_ros.core.robot.model import RobotModel, load_model, replace_inertial
+from mbaid_ros.core.robot.momentum import MomentumKernel, is_physical, physical
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.sensors.streams import Windows
-from mbaid_ros.core.sensors.synchroniser import Synchroniser
+from mbaid_ros.core.streams import Windows
+from mbaid_ros.parameters import build
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulation.simulation import Truth
-from mbaid_ros.simulation.true_robot import true_robot
+from mbaid_ros.simulation.true_robot import ModelErrors, true_robot
 
 # The arm's own last link, without the target (the table in servicer7.urdf).
 BARE_LINK7 = np.array([7.0, 0.010, -0.015, 0.150, 0.070, 0.001, -0.003, 0.075, 0.002, 0.040])

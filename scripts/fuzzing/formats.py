@@ -19,7 +19,7 @@ from fuzzing.trial import Main
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.recordings.convert import main as convert
-from mbaid_ros.replay.start import FORMATS, export, replay
+from mbaid_ros.replay.arguments import FORMATS, export, replay
 
 Damage = Callable[[bytes, np.random.Generator], bytes]
 _Item = TypeVar('_Item')

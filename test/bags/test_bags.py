@@ -21,7 +21,7 @@ from rosbags.rosbag2 import Writer as RosbagsWriter
 from fuzzing.plain_bags import SCHEMA
 from mbaid_ros.bags import BagReader, BagWriter, message_types, serialize
 from mbaid_ros.bags.types import definition
-from mbaid_ros.core.errors import DataError
+from mbaid_ros.errors import DataError
 from recorded import COUNT, JOINT_STATE, STRING, everything, random_joint_state, string
 
 

@@ -17,8 +17,8 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 from mbaid_ros.bags import BagReader, message_types
 from mbaid_ros.bags.chunks import Block, Raw, in_blocks
 from mbaid_ros.bags.types import definition
-from mbaid_ros.cdr import JOINT_STATE_TYPE, Packets
-from mbaid_ros.messages.fields import joint_state_shape
+from mbaid_ros.core.joints.stream import joint_state_shape
+from mbaid_ros.core.samples import JOINT_STATE_TYPE, Packets
 from recorded import COUNT, as_bytes, everything, joint_state
 
 ONE = np.ones(1)

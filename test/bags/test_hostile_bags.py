@@ -20,8 +20,8 @@ from backports import zstd
 from checked import answer
 from fuzzing.plain_bags import BAG, TYPES, database, mcap
 from mbaid_ros.bags import BagReader, BagWriter
-from mbaid_ros.core.errors import DataError
-from mbaid_ros.replay.start import replay as main
+from mbaid_ros.errors import DataError
+from mbaid_ros.replay.arguments import replay as main
 from recorded import COUNT, JOINT_STATE, everything, random_joint_state
 
 MESSAGES = 400  # messages of a whole bag

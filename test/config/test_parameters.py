@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file, parse_assignment
-from mbaid_ros.config.parameters import build, parameter, specifications, values_of
-from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.config.parameter_files import load_parameter_file, parse_assignment
+from mbaid_ros.config.simulator_parameters import SimulatorConfig
+from mbaid_ros.core.results.noise_levels import CHANNELS
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.core.sensors.levels import CHANNELS
+from mbaid_ros.errors import ParameterError
+from mbaid_ros.parameters import build, parameter, specifications, values_of
 from mbaid_ros.simulated_robot import make_initial_state, make_motion
 from simulated import CONFIG, robot
 

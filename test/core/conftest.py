@@ -8,8 +8,8 @@ import pytest
 from benchmarks.honesty import paths
 from floating import float_freely
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model_errors import independent_errors
+from mbaid_ros.core.links import independent_errors
+from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth
 from observed import configured_motion, kernel

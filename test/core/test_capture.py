@@ -13,12 +13,13 @@ from scipy.stats import chi2
 import recorded
 from benchmarks.precapture import BARE_LINK7, free_model, free_urdf
 from checked import answer, same, some
-from mbaid_ros.core.capture.estimator import BEFORE, CaptureEstimator
+from mbaid_ros.core.capture import BEFORE, CaptureEstimator
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import Estimate, debris
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.replay.start import export, replay
+from mbaid_ros.core.target import debris
+from mbaid_ros.replay.arguments import export, replay
 from observed import MID, configured_motion, estimator, kernel, observe, windows
 from servicers import CHASER, Joined, alone, capture, chaser, sensed
 from simulated import CONFIG

@@ -15,7 +15,7 @@ from scipy.stats import chi2
 from checked import same
 from floating import make
 from mbaid_ros.core.geometry import exp
-from mbaid_ros.core.identifier import Estimator
+from mbaid_ros.core.pipeline import Estimator
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.session import methods

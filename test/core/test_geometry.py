@@ -7,9 +7,21 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from mbaid_ros.core import geometry
-from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.linear_algebra import solve_symmetric
+from mbaid_ros.core.geometry import (
+    Array,
+    bracket,
+    cross,
+    exp,
+    log,
+    quaternion_from_rotation,
+    rotate,
+    rotate_back,
+    rotation_from_quaternion,
+    skew,
+    solve_symmetric,
+    unvec,
+    vec,
+)
 from mbaid_ros.simulation import quaternions
 
 COUNT = 200
@@ -26,7 +38,7 @@ def rotation_vectors(count: int = COUNT, seed: int = 0) -> Array:
 
 
 def rotations(count: int = COUNT, seed: int = 0) -> Array:
-    return geometry.exp(rotation_vectors(count, seed))
+    return exp(rotation_vectors(count, seed))
 
 
 def vectors(seed: int) -> Array:
@@ -41,13 +53,13 @@ def symmetric(seed: int) -> Array:
 def test_the_logarithm_inverts_the_exponential_at_every_angle() -> None:
     vector = rotation_vectors()
     # Near pi the angle is as well conditioned as elsewhere: the quaternion, not the trace, gives it.
-    assert geometry.log(geometry.exp(vector)) == pytest.approx(vector, abs=10.0 * ROUNDING)
+    assert log(exp(vector)) == pytest.approx(vector, abs=10.0 * ROUNDING)
 
 
 @pytest.mark.parametrize('angle', [0.0, 1e-300, 1e-12, 1e-8, 1e-4])
 def test_the_logarithm_of_a_small_turn(angle: float) -> None:
     vector = angle * np.array([0.6, 0.0, -0.8])
-    found = geometry.log(geometry.exp(vector))
+    found = log(exp(vector))
     # 1 is added to the elements: an angle has the absolute precision of 1.
     assert found == pytest.approx(vector, rel=1e-15, abs=2e-16)
     assert np.isfinite(found).all()
@@ -55,24 +67,24 @@ def test_the_logarithm_of_a_small_turn(angle: float) -> None:
 
 @pytest.mark.parametrize('axis', [*np.eye(3), *-np.eye(3), np.array([0.6, -0.8, 0.0]), -np.ones(3) / np.sqrt(3.0)])
 def test_half_a_turn_comes_back_as_half_a_turn(axis: Array) -> None:
-    matrix = geometry.exp(np.pi * axis)
-    vector = geometry.log(matrix)
+    matrix = exp(np.pi * axis)
+    vector = log(matrix)
     assert np.linalg.norm(vector) == pytest.approx(np.pi, abs=ROUNDING)
     # Both directions of the axis are the same half turn.
-    assert geometry.exp(vector) == pytest.approx(matrix, abs=ROUNDING)
+    assert exp(vector) == pytest.approx(matrix, abs=ROUNDING)
 
 
 def test_quaternions_and_rotations_convert_into_each_other() -> None:
     matrix = rotations()
-    quaternion = geometry.quaternion_from_rotation(matrix)
+    quaternion = quaternion_from_rotation(matrix)
     assert np.linalg.norm(quaternion, axis=1) == pytest.approx(np.ones(COUNT), abs=ROUNDING)
-    assert geometry.rotation_from_quaternion(quaternion) == pytest.approx(matrix, abs=ROUNDING)
-    assert geometry.rotation_from_quaternion(-3.0 * quaternion) == pytest.approx(matrix, abs=ROUNDING)
+    assert rotation_from_quaternion(quaternion) == pytest.approx(matrix, abs=ROUNDING)
+    assert rotation_from_quaternion(-3.0 * quaternion) == pytest.approx(matrix, abs=ROUNDING)
 
 
 def test_the_quaternion_has_the_order_of_ros() -> None:
     quarter_about_x = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])  # x, y, z, w
-    assert geometry.rotation_from_quaternion(quarter_about_x) == pytest.approx(
+    assert rotation_from_quaternion(quarter_about_x) == pytest.approx(
         np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), abs=ROUNDING
     )
 
@@ -80,40 +92,38 @@ def test_the_quaternion_has_the_order_of_ros() -> None:
 def test_products_of_vectors() -> None:
     a, b, rotation = vectors(1), vectors(2), rotations()
     product = np.cross(a, b)
-    assert geometry.cross(a, b) == pytest.approx(product, abs=ROUNDING)
-    assert geometry.rotate(geometry.skew(a), b) == pytest.approx(product, abs=ROUNDING)
+    assert cross(a, b) == pytest.approx(product, abs=ROUNDING)
+    assert rotate(skew(a), b) == pytest.approx(product, abs=ROUNDING)
     # R (a x b) = R a x R b
-    assert geometry.rotate(rotation, product) == pytest.approx(
-        geometry.cross(geometry.rotate(rotation, a), geometry.rotate(rotation, b)), abs=10.0 * ROUNDING
+    assert rotate(rotation, product) == pytest.approx(
+        cross(rotate(rotation, a), rotate(rotation, b)), abs=10.0 * ROUNDING
     )
-    assert geometry.rotate_back(rotation, geometry.rotate(rotation, a)) == pytest.approx(a, abs=10.0 * ROUNDING)
+    assert rotate_back(rotation, rotate(rotation, a)) == pytest.approx(a, abs=10.0 * ROUNDING)
 
 
 def test_the_bracket_turns_the_product_of_inertia_and_vector_round() -> None:
     inertia, vector = symmetric(3), vectors(4)
-    product = geometry.rotate(inertia, vector)
-    assert geometry.rotate(geometry.bracket(vector), geometry.vec(inertia)) == pytest.approx(product, abs=ROUNDING)
+    product = rotate(inertia, vector)
+    assert rotate(bracket(vector), vec(inertia)) == pytest.approx(product, abs=ROUNDING)
     # The paper's correction: R I R^T w = R bracket(R^T w) vec(I).
     rotation = rotations()
     turned = rotation @ inertia @ np.swapaxes(rotation, 1, 2)
-    back = geometry.bracket(geometry.rotate_back(rotation, vector))
-    assert geometry.rotate(rotation @ back, geometry.vec(inertia)) == pytest.approx(
-        geometry.rotate(turned, vector), abs=10.0 * ROUNDING
-    )
+    back = bracket(rotate_back(rotation, vector))
+    assert rotate(rotation @ back, vec(inertia)) == pytest.approx(rotate(turned, vector), abs=10.0 * ROUNDING)
 
 
 FUNCTIONS: list[tuple[Callable[..., Array], tuple[Array, ...]]] = [
-    (geometry.skew, (vectors(6),)),
-    (geometry.bracket, (vectors(6),)),
-    (geometry.unvec, (np.random.default_rng(7).normal(size=(COUNT, 6)),)),
-    (geometry.vec, (symmetric(8),)),
-    (geometry.exp, (rotation_vectors(),)),
-    (geometry.log, (rotations(),)),
-    (geometry.quaternion_from_rotation, (rotations(),)),
-    (geometry.rotation_from_quaternion, (np.random.default_rng(9).normal(size=(COUNT, 4)),)),
-    (geometry.cross, (vectors(10), vectors(11))),
-    (geometry.rotate, (rotations(), vectors(12))),
-    (geometry.rotate_back, (rotations(), vectors(12))),
+    (skew, (vectors(6),)),
+    (bracket, (vectors(6),)),
+    (unvec, (np.random.default_rng(7).normal(size=(COUNT, 6)),)),
+    (vec, (symmetric(8),)),
+    (exp, (rotation_vectors(),)),
+    (log, (rotations(),)),
+    (quaternion_from_rotation, (rotations(),)),
+    (rotation_from_quaternion, (np.random.default_rng(9).normal(size=(COUNT, 4)),)),
+    (cross, (vectors(10), vectors(11))),
+    (rotate, (rotations(), vectors(12))),
+    (rotate_back, (rotations(), vectors(12))),
     (quaternions.product, (np.random.default_rng(14).normal(size=(COUNT, 4)), np.ones((COUNT, 4)))),
     (quaternions.rotate, (np.random.default_rng(15).normal(size=(COUNT, 4)), vectors(12))),
 ]
@@ -138,8 +148,8 @@ PAIRS = 50
 @pytest.mark.parametrize('size', [0.0, 1e-12, 1e-3, 1.0, 3.0])
 def test_exp_is_the_matrix_exponential(size: float) -> None:
     vector = size * np.random.default_rng(2).normal(size=(PAIRS, 3))
-    turned = geometry.rotation_from_quaternion(quaternions.exp(vector))
-    assert turned == pytest.approx(geometry.exp(vector), abs=1e-14)
+    turned = rotation_from_quaternion(quaternions.exp(vector))
+    assert turned == pytest.approx(exp(vector), abs=1e-14)
 
 
 # -- Records of arrays, queues of them, and symmetric systems with empty directions.

@@ -19,12 +19,12 @@ import recorded
 from benchmarks.precapture import free_model, free_urdf
 from graph import Graph
 from mbaid_ros.bags import serialize
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import build
-from mbaid_ros.core.capture.estimator import BEFORE
-from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.capture import BEFORE
+from mbaid_ros.core.forces import EXACT_THRUST
 from mbaid_ros.estimate_messages import Frames, debris_message, estimate_message
 from mbaid_ros.nodes.subscriptions import TYPES, qos
+from mbaid_ros.parameters import build
 from mbaid_ros.session.session import Session
 from servicers import WRENCH, capture, pulse, sensed
 from servicers import thrust_messages as pushed_messages

@@ -24,11 +24,11 @@ from trajectory_msgs.msg import JointTrajectory
 
 from graph import PATIENCE, ROOT, Graph, Process
 from mbaid_ros.bags import BagReader
-from mbaid_ros.config.trajectory import as_yaml, read_trajectory
+from mbaid_ros.config.motion_files import as_yaml, read_trajectory
 from mbaid_ros.estimate_messages import trajectory_message
 from mbaid_ros.nodes.simulator import Pace
 from mbaid_ros.nodes.subscriptions import TYPES, qos
-from mbaid_ros.replay.start import plan as replay_plan
+from mbaid_ros.replay.arguments import plan as replay_plan
 from planned import first_motion
 from simulated import CONFIG, NOISE, assigned, options
 from streams import run

@@ -23,14 +23,13 @@ from std_srvs.srv import SetBool, Trigger
 
 from benchmarks.precapture import free_urdf
 from graph import Graph, Process
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import build
-from mbaid_ros.core.results.estimate import InertiaPublication, is_complete
-from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.urdf_edit import replace_inertial
-from mbaid_ros.estimate_messages import Frames, debris_message, estimate_message, inertia_message
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.results.estimate import is_complete
+from mbaid_ros.core.robot.model import load_model, replace_inertial
+from mbaid_ros.estimate_messages import Frames, InertiaPublication, debris_message, estimate_message, inertia_message
 from mbaid_ros.nodes.publishers import last_of_each_window
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, qos
+from mbaid_ros.parameters import build
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import TimedMessage
 from simulated import CONFIG, options

@@ -26,16 +26,16 @@ from sensor_msgs.msg import JointState
 
 from checked import same
 from graph import Graph, reserved_domain
-from mbaid_ros.cdr import Packets
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import parameter, specifications, values_of
-from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.config.simulator_parameters import SimulatorConfig
+from mbaid_ros.core.joints.stream import joint_state_shape
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.messages.fields import joint_state_shape
+from mbaid_ros.core.samples import Packets
+from mbaid_ros.errors import ParameterError
 from mbaid_ros.nodes import runner, subscriptions
 from mbaid_ros.nodes.runner import declare_parameters
 from mbaid_ros.nodes.subscriptions import Subscriptions
+from mbaid_ros.parameters import parameter, specifications, values_of
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import TimedMessage
 from simulated import options

@@ -21,9 +21,9 @@ from std_msgs.msg import String
 import recorded
 from graph import Graph
 from mbaid_ros.bags import BagReader, BagWriter, deserialize, message_class, serialize
-from mbaid_ros.config.parameters import METHODS
 from mbaid_ros.nodes.subscriptions import LATCHED, qos
-from mbaid_ros.replay.start import replay
+from mbaid_ros.parameters import METHODS
+from mbaid_ros.replay.arguments import replay
 from recorded import papers_case
 from simulated import CONFIG
 from streams import TABLE1_MOMENTUM

@@ -18,7 +18,7 @@ from mbaid_ros.bags import BagReader
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.recordings.convert import main
 from mbaid_ros.recordings.spot import COMMANDS_FILE
-from mbaid_ros.replay.start import replay
+from mbaid_ros.replay.arguments import replay
 
 refused = partial(answer, main, code=2)
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from checked import some
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file
-from mbaid_ros.config.parameters import build
-from mbaid_ros.core.errors import DataError
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.config.parameter_files import load_parameter_file
 from mbaid_ros.core.geometry import Array, exp, log, rotate, rotate_back, rotation_from_quaternion
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.errors import DataError
+from mbaid_ros.parameters import build
 from mbaid_ros.recordings.convert import main
 from mbaid_ros.recordings.iss import _RATES, read_iss, stored_momentum
 from mbaid_ros.session.session import Session

@@ -17,15 +17,13 @@ from scipy.stats import chi2
 import recorded
 from benchmarks.precapture import free_model, free_urdf, perturbed
 from checked import answer
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import build
-from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.momentum import physical, physical_jacobian
-from mbaid_ros.core.robot.urdf_edit import replace_inertial
-from mbaid_ros.replay.start import calibrate as main
-from mbaid_ros.replay.start import replay
-from mbaid_ros.session.known_robot import declared_errors
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.links import declared_errors
+from mbaid_ros.core.robot.model import load_model, replace_inertial
+from mbaid_ros.core.robot.momentum import MomentumKernel, physical, physical_jacobian
+from mbaid_ros.parameters import build
+from mbaid_ros.replay.arguments import calibrate as main
+from mbaid_ros.replay.arguments import replay
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulation.simulation import Truth
 from mbaid_ros.simulation.true_robot import ErrorStds, draw, generator, true_robot

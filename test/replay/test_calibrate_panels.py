@@ -10,9 +10,9 @@ import pytest
 from scipy.stats import chi2
 
 from benchmarks.appendages import PANELS, with_free_panels, with_panels
-from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.replay.start import calibrate, replay, simulate
+from mbaid_ros.core.robot.momentum import MomentumKernel
+from mbaid_ros.replay.arguments import calibrate, replay, simulate
 from observed import true_body
 from simulated import CONFIG
 

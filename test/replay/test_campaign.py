@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from campaigns import TEXT, refused, written
-from mbaid_ros.config.campaign import CampaignRun
-from mbaid_ros.core.results.parameters import PARAMETERS
-from mbaid_ros.replay.campaigns import command
+from mbaid_ros.config.campaign_file import CampaignRun
+from mbaid_ros.core.results.budget import PARAMETERS
+from mbaid_ros.replay.arguments import campaign, replay, simulate
+from mbaid_ros.replay.campaigns import campaign as command
 from mbaid_ros.replay.campaigns.make import make
 from mbaid_ros.replay.campaigns.statistics import Result, statistics
-from mbaid_ros.replay.start import campaign, replay, simulate
 from simulated import CONFIG
 
 RUNS = 8
@@ -173,7 +173,7 @@ def test_after_a_kill_the_same_command_makes_what_is_missing_and_nothing_else(
 ) -> None:
     yaml, output = str(whole.parent / 'campaign.yaml'), tmp_path / 'output'
     arguments = [yaml, '--output', str(output), '--processes', '1']
-    program = [sys.executable, '-c', 'from mbaid_ros.replay.start import campaign; exit(campaign())', *arguments]
+    program = [sys.executable, '-c', 'from mbaid_ros.replay.arguments import campaign; exit(campaign())', *arguments]
     runs = output / 'runs.jsonl'
     with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         while not (runs.exists() and runs.read_bytes().count(b'\n') >= 2):

@@ -18,11 +18,11 @@ from distributed import Client
 
 from campaigns import FILES, TEXT, refused, written
 from documents import CAMPAIGNS, blocks, project
-from mbaid_ros.config.campaign import CampaignRun, load_campaign
-from mbaid_ros.replay.campaigns import command
+from mbaid_ros.config.campaign_file import CampaignRun, load_campaign
+from mbaid_ros.replay.arguments import campaign
+from mbaid_ros.replay.campaigns import campaign as command
 from mbaid_ros.replay.campaigns import make as cluster
 from mbaid_ros.replay.campaigns.statistics import Result
-from mbaid_ros.replay.start import campaign
 from mbaid_ros.simulated_robot import make_springs
 from simulated import CONFIG, robot
 

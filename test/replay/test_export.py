@@ -20,14 +20,14 @@ from mbaid_ros.bags import BAG_TYPES, BagWriter
 from mbaid_ros.bags.types import ESTIMATE_TYPE
 from mbaid_ros.core.geometry import Array, exp, unvec, vec
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.status import Reason, with_reasons
+from mbaid_ros.core.results.verdict import Reason, with_reasons
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.momentum import box_sizes
 from mbaid_ros.estimate_messages import Frames, estimate_message
+from mbaid_ros.replay.arguments import export as main
+from mbaid_ros.replay.export import box_sizes
+from mbaid_ros.replay.one_bag import EstimateWriter
 from mbaid_ros.replay.output import as_json
 from mbaid_ros.replay.provenance import made_by
-from mbaid_ros.replay.run import EstimateWriter
-from mbaid_ros.replay.start import export as main
 from simulated import CONFIG
 
 TURNS = [[0.0, 0.0, 0.0], [0.4, -1.1, 2.0], [1.2, np.pi / 2, -0.3], [0.0, 0.0, 3.1], [-2.0, 0.7, 0.1]]

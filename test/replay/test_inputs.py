@@ -12,11 +12,11 @@ import pytest
 import recorded
 from checked import answer
 from mbaid_ros.bags import BagReader, BagWriter
-from mbaid_ros.config.estimator import EstimatorConfig
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.replay.arguments import replay
 from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.replay.one_bag import replay_bag
 from mbaid_ros.replay.report.page import html
-from mbaid_ros.replay.run import replay_bag
-from mbaid_ros.replay.start import replay
 from recorded import JOINT_STATE, ODOMETRY
 from simulated import CONFIG
 

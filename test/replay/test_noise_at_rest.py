@@ -13,14 +13,13 @@ import pytest
 
 from checked import answer
 from mbaid_ros.bags import BagReader, BagWriter, message_class
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file
-from mbaid_ros.config.parameters import build
-from mbaid_ros.config.sensors import NoiseConfig
+from mbaid_ros.config.estimator_parameters import EstimatorConfig, NoiseConfig
+from mbaid_ros.config.parameter_files import load_parameter_file
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.replay.at_rest import measure
-from mbaid_ros.replay.start import noise_at_rest as main
-from mbaid_ros.replay.start import simulate
+from mbaid_ros.parameters import build
+from mbaid_ros.replay.arguments import noise_at_rest as main
+from mbaid_ros.replay.arguments import simulate
+from mbaid_ros.replay.noise_at_rest import measure
 from recorded import JOINT_STATE, TOPICS, Change, changed, same, stamped
 from simulated import CONFIG, assigned
 

@@ -11,15 +11,14 @@ import numpy as np
 import pytest
 
 from mbaid_ros.bags import BagReader
-from mbaid_ros.config.trajectory import as_yaml, read_trajectory
-from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.joint_trajectory import JointTrajectory
-from mbaid_ros.messages.joints import trajectory_of
-from mbaid_ros.replay import planning
+from mbaid_ros.config.motion_files import as_yaml, read_trajectory
+from mbaid_ros.errors import ParameterError
+from mbaid_ros.joint_trajectory import JointTrajectory, trajectory_of
+from mbaid_ros.replay import plan as planning
+from mbaid_ros.replay.arguments import plan as main
+from mbaid_ros.replay.arguments import replay, simulate
+from mbaid_ros.replay.one_bag import replay_bag
 from mbaid_ros.replay.results import Run
-from mbaid_ros.replay.run import replay_bag
-from mbaid_ros.replay.start import plan as main
-from mbaid_ros.replay.start import replay, simulate
 from simulated import CONFIG, NOISE, assigned, options
 
 MODEL = ['--model', str(CONFIG / 'servicer7.urdf')]

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbaid_ros.config.model_errors import EXACT
-from mbaid_ros.replay.start import replay, simulate
+from mbaid_ros.config.estimator_parameters import EXACT
+from mbaid_ros.replay.arguments import replay, simulate
 from sessions import NOISE
 from simulated import CONFIG, assigned
 

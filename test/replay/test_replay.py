@@ -21,11 +21,11 @@ import made_runs
 import recorded
 from checked import answer
 from mbaid_ros.bags import BagReader, BagWriter
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import values_of
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.results.estimate import Status
-from mbaid_ros.replay.command import exit_code
-from mbaid_ros.replay.start import replay as main
+from mbaid_ros.parameters import values_of
+from mbaid_ros.replay.arguments import replay as main
+from mbaid_ros.replay.replay import exit_code
 from simulated import CONFIG, table1
 
 MODEL = str(CONFIG / 'table1.urdf')

@@ -10,17 +10,18 @@ import pytest
 from checked import some
 from documents import ROOT
 from made_runs import BODY, STD, estimate, run
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import build
-from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.results.estimate import WITHHELD, Debris, Estimate, Event, PassiveJoint, Status
-from mbaid_ros.replay.command import exit_code
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Event, PassiveJoint, Status
+from mbaid_ros.core.target import Debris
+from mbaid_ros.errors import ParameterError
+from mbaid_ros.parameters import build
+from mbaid_ros.replay.arguments import _replay_parser
 from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.replay.one_bag import replay_bag
 from mbaid_ros.replay.output import as_json, passive_joints
+from mbaid_ros.replay.replay import exit_code
 from mbaid_ros.replay.report.page import html
 from mbaid_ros.replay.results import Arrivals, History, Run, TopicStatistics, holdout_of
-from mbaid_ros.replay.run import replay_bag
-from mbaid_ros.replay.start import _replay_parser
 from mbaid_ros.replay.text import summary
 from simulated import robot
 

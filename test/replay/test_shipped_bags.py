@@ -13,13 +13,13 @@ import pytest
 from documents import ROOT, bash, blocks, project
 from graph import LOCAL, reserved_domain
 from mbaid_ros.bags import BagReader
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file
-from mbaid_ros.config.parameters import build
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.config.parameter_files import load_parameter_file
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.parameters import build
 from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.replay.one_bag import ESTIMATE_TOPIC, replay_bag
 from mbaid_ros.replay.results import Run
-from mbaid_ros.replay.run import ESTIMATE_TOPIC, replay_bag
 from simulated import CONFIG, robot
 
 BAGS = ROOT / 'bags'

@@ -12,9 +12,9 @@ import recorded
 from benchmarks.precapture import free_urdf
 from checked import answer
 from mbaid_ros.bags import BagReader, BagWriter
-from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST
-from mbaid_ros.replay.start import replay
-from mbaid_ros.replay.start import simulate as main
+from mbaid_ros.core.forces import EXACT_THRUST
+from mbaid_ros.replay.arguments import replay
+from mbaid_ros.replay.arguments import simulate as main
 from servicers import WRENCH, pulse, thrust_messages
 from simulated import CONFIG, assigned
 

@@ -15,17 +15,16 @@ from rclpy.serialization import serialize_message
 from tf2_msgs.msg import TFMessage
 
 from mbaid_ros.bags import BAG_TYPES, BagWriter
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import build
-from mbaid_ros.core.errors import DataError
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.samples import WRONG_CHILD_FRAME
+from mbaid_ros.errors import DataError
 from mbaid_ros.estimate_messages import Frames, estimate_message
-from mbaid_ros.messages.fields import WRONG_CHILD_FRAME
+from mbaid_ros.parameters import build
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.run import replay_bag
+from mbaid_ros.replay.one_bag import replay_bag
 from mbaid_ros.session.explanation import explain, intake_warnings
-from mbaid_ros.session.intake import OTHER_SOURCE
-from mbaid_ros.session.session import Session
+from mbaid_ros.session.session import OTHER_SOURCE, Session
 from streams import run, urdf
 
 SECONDS = 2.1

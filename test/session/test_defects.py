@@ -13,14 +13,13 @@ import defects
 from benchmarks.honesty import readings
 from checked import some
 from defects import JOINTS, ODOMETRY, Arrival, Defect, arrivals, changed, estimates, shifted
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.model_errors import EXACT
-from mbaid_ros.config.parameters import build
+from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
+from mbaid_ros.core.method import FIRST_ESTIMATE
+from mbaid_ros.core.outliers import OUTLIER, REPEATED_POSE
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.momentum import physical
-from mbaid_ros.core.sensors.outliers import OUTLIER, REPEATED_POSE
-from mbaid_ros.core.two_stage import FIRST_ESTIMATE
-from mbaid_ros.messages.fields import stamp_of
+from mbaid_ros.core.samples import stamp_of
+from mbaid_ros.parameters import build
 from mbaid_ros.session.explanation import intake_warnings
 from mbaid_ros.session.session import Session
 from recorded import of

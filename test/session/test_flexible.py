@@ -10,12 +10,11 @@ from scipy.stats import chi2
 
 from benchmarks.appendages import PANELS, SLOSH, with_fuel, with_grasp, with_panel_on_the_target, with_panels
 from mbaid_ros.bags import BAG_TYPES
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file
-from mbaid_ros.config.model_errors import EXACT
-from mbaid_ros.config.parameters import build
-from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
+from mbaid_ros.config.parameter_files import load_parameter_file
+from mbaid_ros.config.simulator_parameters import SimulatorConfig
+from mbaid_ros.errors import ParameterError
+from mbaid_ros.parameters import build
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 from sessions import NOISE, feed

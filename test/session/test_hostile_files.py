@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbaid_ros.config.calibration import read_calibration
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.files import load_parameter_file, read_robot_description
-from mbaid_ros.config.parameters import build
-from mbaid_ros.core.errors import MbaidError, ModelError
+from mbaid_ros.config.calibration_file import read_calibration
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.config.parameter_files import load_parameter_file, read_robot_description
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.errors import MbaidError, ModelError
+from mbaid_ros.parameters import build
 from mbaid_ros.replay.saved import read_identified, read_truth, truth_beside
 from mbaid_ros.session.model_summary import summarise
 from mbaid_ros.session.robot import mesh_points

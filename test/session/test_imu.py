@@ -11,16 +11,15 @@ import pytest
 
 from gyros import KNOWN, Spoil, angular_momentum, messages, normalised, rated, taken
 from mbaid_ros.bags import BagWriter
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import build
-from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.geometry import Array, exp, quaternion_from_rotation, rotation_from_quaternion
-from mbaid_ros.core.identifier import GYRO_ALONE, ORIENTATION_AND_GYRO
+from mbaid_ros.core.gyro import IMU_FRAME, DeadReckoning, ImuReader
+from mbaid_ros.core.odometry.stream import measured_orientation
+from mbaid_ros.core.pipeline import GYRO_ALONE, ORIENTATION_AND_GYRO
 from mbaid_ros.core.samples import ImuStream
-from mbaid_ros.core.sensors.base import measured_orientation
-from mbaid_ros.core.sensors.gyro import DeadReckoning
-from mbaid_ros.messages.imu import IMU_FRAME, ImuReader
-from mbaid_ros.replay.start import replay
+from mbaid_ros.errors import ParameterError
+from mbaid_ros.parameters import build
+from mbaid_ros.replay.arguments import replay
 from mbaid_ros.session.explanation import obstacles
 from mbaid_ros.session.session import Session
 from simulated import CONFIG

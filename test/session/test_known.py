@@ -13,22 +13,20 @@ from scipy.linalg import block_diag
 
 from benchmarks.precapture import free_model
 from declarations import exact_but
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.model_errors import EXACT
-from mbaid_ros.config.parameters import build
-from mbaid_ros.core.errors import ParameterError
-from mbaid_ros.core.filter.state import layout_of
-from mbaid_ros.core.filter.variables import variables
+from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
+from mbaid_ros.core.clocks import ClockDrift, TimeOffset
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.odometry.model import TwistBias
+from mbaid_ros.core.orbit import Gravity
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.kinematics import PlaneDetector
+from mbaid_ros.core.robot.model import PlaneDetector
+from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.state import layout_of, variables
 from mbaid_ros.core.tasks import Method
-from mbaid_ros.core.unknowns.base import TwistBias
-from mbaid_ros.core.unknowns.environment import Gravity
-from mbaid_ros.core.unknowns.sensors import ClockDrift, TimeOffset
-from mbaid_ros.session.known_robot import EXACT_ROBOT, declared_exact, nominal_model, with_known_errors
+from mbaid_ros.errors import ParameterError
+from mbaid_ros.parameters import build
+from mbaid_ros.session.robot import EXACT_ROBOT, declared_exact, nominal_model, with_known_errors
 from mbaid_ros.session.session import Session
 from servicers import LINKS, standard_parameters
 from simulated import robot

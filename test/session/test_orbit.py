@@ -7,12 +7,12 @@ import pytest
 from scipy.stats import chi2
 
 from mbaid_ros.bags import BAG_TYPES
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import build
-from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.errors import ParameterError
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.config.simulator_parameters import SimulatorConfig
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.errors import ParameterError
+from mbaid_ros.parameters import build
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import SimulatedRun

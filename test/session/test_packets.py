@@ -12,21 +12,19 @@ import pytest
 import defects
 from defects import JOINTS, ODOMETRY, Arrival, arrivals, estimates, in_order
 from mbaid_ros.bags import Batch
-from mbaid_ros.cdr import JOINT_STATE_TYPE, ODOMETRY_TYPE, packer
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.model_errors import EXACT
-from mbaid_ros.config.parameters import build
+from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.identifier import Estimator
+from mbaid_ros.core.pipeline import Estimator
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.robot.momentum import MomentumKernel
+from mbaid_ros.core.samples import JOINT_STATE_TYPE, ODOMETRY_TYPE, Samples
 from mbaid_ros.core.tasks import AT_ONCE, Kind, Method, Work
+from mbaid_ros.packets import packer
+from mbaid_ros.parameters import build
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.session.known_robot import KnownRobot
 from mbaid_ros.session.methods import make_estimator
-from mbaid_ros.session.segment import PART
-from mbaid_ros.session.session import Session
+from mbaid_ros.session.robot import KnownRobot
+from mbaid_ros.session.session import PART, Session
 from recorded import as_bytes
 from simulated import CONFIG
 from streams import run, urdf

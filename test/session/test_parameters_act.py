@@ -9,14 +9,15 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import build
-from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.unknowns.environment import DisturbanceModel
-from mbaid_ros.session import catalogue, methods, segment, settings
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.forces import DisturbanceModel
+from mbaid_ros.core.robot.momentum import MomentumKernel
+from mbaid_ros.core.wheels import storage
+from mbaid_ros.parameters import build
+from mbaid_ros.session import catalogue, session
+from mbaid_ros.session.methods import make_reporting
 from mbaid_ros.session.planning import plan_settings
 from mbaid_ros.session.session import Session
-from mbaid_ros.session.settings import storage
 from simulated import robot
 from streams import urdf
 
@@ -39,32 +40,32 @@ def argument(module: Any, name: str, key: str, parameters: dict[str, object]) ->
 @pytest.mark.parametrize(
     ('name', 'value', 'beside', 'module', 'made', 'key', 'expected'),
     [
-        ('maximum_gap', 0.3, {}, segment, 'Identifier', 'maximum_gap', 0.3),
-        ('noise.estimate', True, {}, segment, 'NoiseEstimator', 'estimate', True),
-        ('noise.trust_declared', True, {}, segment, 'NoiseEstimator', 'trusted', True),
-        ('thrust.frames', ['link2'], {}, segment, 'Thrust', 'uncertain', ('link2',)),
-        ('capture.detect', True, BEFORE, methods, 'CaptureEstimator', 'detect', True),
-        ('disturbance.constant', 'body', {}, methods, 'hypotheses', 'constant', 'body'),
-        ('momentum.linear_prior_std', 0.1, {}, methods, 'DifferenceSettings', 'linear_momentum_std', 0.1),
-        ('paper.forgetting_factor', 0.9, PAPER, methods, 'PaperSettings', 'forgetting_factor', 0.9),
-        ('paper.initial_covariance', 1e3, PAPER, methods, 'PaperSettings', 'initial_covariance', 1e3),
-        ('paper.reference', 'first', PAPER, methods, 'PaperSettings', 'reference', 'first'),
-        ('paper.lag', 5, PAPER, methods, 'PaperSettings', 'lag', 5),
-        ('orbit.twist', 'inertial', LVLH, settings, 'FallingFrame', 'relative_twist', False),
-        ('orbit.epoch', 12.5, ORBIT, settings, 'FallingFrame', 'epoch', 12_500_000_000),
-        ('imu.cross_axis_std', 0.02, {'imu.noise_density': 1e-4}, settings, 'GyroErrors', 'cross', 0.02),
-        ('imu.bias_walk', 1e-5, {'imu.noise_density': 1e-4}, settings, 'GyroErrors', 'walk', 1e-5),
+        ('maximum_gap', 0.3, {}, session, 'Identifier', 'maximum_gap', 0.3),
+        ('noise.estimate', True, {}, session, 'NoiseEstimator', 'estimate', True),
+        ('noise.trust_declared', True, {}, session, 'NoiseEstimator', 'trusted', True),
+        ('thrust.frames', ['link2'], {}, session, 'Thrust', 'uncertain', ('link2',)),
+        ('capture.detect', True, BEFORE, catalogue, 'CaptureEstimator', 'detect', True),
+        ('disturbance.constant', 'body', {}, catalogue, 'hypotheses', 'constant', 'body'),
+        ('momentum.linear_prior_std', 0.1, {}, catalogue, 'DifferenceSettings', 'linear_momentum_std', 0.1),
+        ('paper.forgetting_factor', 0.9, PAPER, catalogue, 'PaperSettings', 'forgetting_factor', 0.9),
+        ('paper.initial_covariance', 1e3, PAPER, catalogue, 'PaperSettings', 'initial_covariance', 1e3),
+        ('paper.reference', 'first', PAPER, catalogue, 'PaperSettings', 'reference', 'first'),
+        ('paper.lag', 5, PAPER, catalogue, 'PaperSettings', 'lag', 5),
+        ('orbit.twist', 'inertial', LVLH, catalogue, 'FallingFrame', 'relative_twist', False),
+        ('orbit.epoch', 12.5, ORBIT, catalogue, 'FallingFrame', 'epoch', 12_500_000_000),
+        ('imu.cross_axis_std', 0.02, {'imu.noise_density': 1e-4}, catalogue, 'GyroErrors', 'cross', 0.02),
+        ('imu.bias_walk', 1e-5, {'imu.noise_density': 1e-4}, catalogue, 'GyroErrors', 'walk', 1e-5),
         ('momentum.linear_prior_std', 0.1, {}, catalogue, 'Declared', 'linear_momentum', 0.1),
-        ('time_offset.estimate', False, {}, settings, 'time_offset', 'deviation', 0.0),
-        ('time_offset.prior_std', 0.1, {}, settings, 'time_offset', 'deviation', 0.1),
-        ('time_offset.drift_std', 1e-4, {}, settings, 'clock_drift', 'deviation', 1e-4),
-        ('odometry.scale_std', 0.01, {}, settings, 'odometry_scale', 'deviation', 0.01),
-        ('odometry.angular_velocity_bias_std', 1e-3, {}, settings, 'twist_bias', 'angular', 1e-3),
-        ('disturbance.torque_std', 0.02, {}, settings, 'disturbances', 'torque', DisturbanceModel(0.02)),
-        ('disturbance.torque_time', 30.0, TORQUE, settings, 'disturbances', 'torque', DisturbanceModel(0.1, 30.0)),
-        ('disturbance.force_std', 0.02, {}, settings, 'disturbances', 'force', DisturbanceModel(0.02)),
-        ('disturbance.force_time', 30.0, FORCE, settings, 'disturbances', 'force', DisturbanceModel(0.1, 30.0)),
-        ('wheels.spin_inertia_relative_std', 0.1, WHEEL, settings, 'spin_inertias', 'deviations', (0.2,)),
+        ('time_offset.estimate', False, {}, catalogue, 'time_offset', 'deviation', 0.0),
+        ('time_offset.prior_std', 0.1, {}, catalogue, 'time_offset', 'deviation', 0.1),
+        ('time_offset.drift_std', 1e-4, {}, catalogue, 'clock_drift', 'deviation', 1e-4),
+        ('odometry.scale_std', 0.01, {}, catalogue, 'odometry_scale', 'deviation', 0.01),
+        ('odometry.angular_velocity_bias_std', 1e-3, {}, catalogue, 'twist_bias', 'angular', 1e-3),
+        ('disturbance.torque_std', 0.02, {}, catalogue, 'disturbances', 'torque', DisturbanceModel(0.02)),
+        ('disturbance.torque_time', 30.0, TORQUE, catalogue, 'disturbances', 'torque', DisturbanceModel(0.1, 30.0)),
+        ('disturbance.force_std', 0.02, {}, catalogue, 'disturbances', 'force', DisturbanceModel(0.02)),
+        ('disturbance.force_time', 30.0, FORCE, catalogue, 'disturbances', 'force', DisturbanceModel(0.1, 30.0)),
+        ('wheels.spin_inertia_relative_std', 0.1, WHEEL, catalogue, 'spin_inertias', 'deviations', (0.2,)),
     ],
 )
 def test_a_parameter_reaches_its_setting(  # noqa: PLR0917 - a row of the table
@@ -75,8 +76,8 @@ def test_a_parameter_reaches_its_setting(  # noqa: PLR0917 - a row of the table
 
 
 def test_an_orbit_that_is_not_declared() -> None:
-    assert argument(settings, 'gravity', 'rate', {}) == 1.2e-3
-    assert argument(settings, 'gravity', 'rate', {'orbit.undeclared_rate': 5e-4}) == 5e-4
+    assert argument(catalogue, 'gravity', 'rate', {}) == 1.2e-3
+    assert argument(catalogue, 'gravity', 'rate', {'orbit.undeclared_rate': 5e-4}) == 5e-4
 
 
 def test_the_noise_of_a_published_momentum() -> None:
@@ -87,7 +88,7 @@ def test_the_noise_of_a_published_momentum() -> None:
 def test_the_wanted_precision_of_published_estimates() -> None:
     model = robot('table1')
     config = build(EstimatorConfig, {'convergence.relative_std': 0.5})
-    assert methods.make_reporting(config, MomentumKernel(model, model.last_link)).converged_std == 0.5
+    assert make_reporting(config, MomentumKernel(model, model.last_link)).converged_std == 0.5
 
 
 @pytest.mark.parametrize(

@@ -16,10 +16,10 @@ import pytest
 from checked import some
 from mbaid_ros.bags import BAG_TYPES, BagWriter
 from mbaid_ros.calibration import iteration
-from mbaid_ros.config.parameters import build
-from mbaid_ros.config.simulator import SimulatorConfig
+from mbaid_ros.config.simulator_parameters import SimulatorConfig
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.replay.start import calibrate, replay
+from mbaid_ros.parameters import build
+from mbaid_ros.replay.arguments import calibrate, replay
 from mbaid_ros.simulated_run import SimulatedRun
 
 _URDF = """<robot name="thrown">

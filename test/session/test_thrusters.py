@@ -11,18 +11,16 @@ import pytest
 from checked import central_difference
 from floating import true_momentum
 from mbaid_ros.calibration.unknowns import StandardNormals, make_prior
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.model_errors import EXACT
-from mbaid_ros.config.parameters import build
+from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
+from mbaid_ros.core.forces import EXACT_THRUST, LATE_THRUST, SHARED_THRUST, Thrust, Thrusters, thrusters
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.links import relative_factor
+from mbaid_ros.core.method import thrusters as estimated_thrusters
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.model_errors import relative_factor
 from mbaid_ros.core.robot.momentum import THRUSTER_ERRORS
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.sensors.external_momentum import EXACT_THRUST, LATE_THRUST, SHARED_THRUST, Thrust
-from mbaid_ros.core.trajectory.solution import thrusters as estimated_thrusters
-from mbaid_ros.core.unknowns.environment import Thrusters, thrusters
-from mbaid_ros.core.unknowns.priors import UnknownsPrior
+from mbaid_ros.core.state import UnknownsPrior
+from mbaid_ros.parameters import build
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun
 from observed import LIMIT, MID, kernel, nees, observe, true_body, windows

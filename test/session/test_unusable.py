@@ -12,11 +12,18 @@ import pytest
 import defects
 from defects import JOINTS, ODOMETRY, Arrival, Defect, arrivals, changed, estimates, shifted
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.identifier import JOINT_RATES_DERIVED, POSES_ALONE, TWIST_DERIVED
-from mbaid_ros.core.sensors.streams import LATE, OTHER_CLOCK, REPEATED, STRAY_STAMP, ZERO_STAMP
-from mbaid_ros.messages import fields
-from mbaid_ros.nodes.reports import remarks
-from mbaid_ros.session.explanation import explain, intake_warnings, missing_joints, obstacles
+from mbaid_ros.core.pipeline import JOINT_RATES_DERIVED, POSES_ALONE, TWIST_DERIVED
+from mbaid_ros.core.samples import (
+    BAD_QUATERNION,
+    JOINT_MISSING,
+    LOST_TRACKING,
+    NOT_FINITE,
+    POSE_COVARIANCE,
+    TWIST_COVARIANCE,
+    WRONG_CHILD_FRAME,
+)
+from mbaid_ros.core.streams import LATE, OTHER_CLOCK, REPEATED, STRAY_STAMP, ZERO_STAMP
+from mbaid_ros.session.explanation import explain, intake_warnings, missing_joints, obstacles, remarks
 from recorded import header, of
 from sessions import first_columns
 
@@ -43,17 +50,17 @@ NEVER_FINITE = 'is NaN or infinite in 200 of 200 messages: look'
 @pytest.mark.parametrize(
     ('spoil', 'cause', 'sentence'),
     [
-        (given(ODOMETRY, 'child_frame_id', 'link3'), fields.WRONG_CHILD_FRAME, "'link3'; accepted: "),
-        (given(ODOMETRY, 'child_frame_id', ''), fields.WRONG_CHILD_FRAME, "''; accepted: 'base_link'"),
-        (turned(np.zeros(4)), fields.LOST_TRACKING, 'has lost the base'),
-        (turned(np.ones(4)), fields.BAD_QUATERNION, 'length is not 1'),
-        (given(JOINTS, 'position', np.full(7, np.nan)), fields.NOT_FINITE, f'position of joint1 {NEVER_FINITE}'),
+        (given(ODOMETRY, 'child_frame_id', 'link3'), WRONG_CHILD_FRAME, "'link3'; accepted: "),
+        (given(ODOMETRY, 'child_frame_id', ''), WRONG_CHILD_FRAME, "''; accepted: 'base_link'"),
+        (turned(np.zeros(4)), LOST_TRACKING, 'has lost the base'),
+        (turned(np.ones(4)), BAD_QUATERNION, 'length is not 1'),
+        (given(JOINTS, 'position', np.full(7, np.nan)), NOT_FINITE, f'position of joint1 {NEVER_FINITE}'),
         (
             changed(ODOMETRY, lambda m: setattr(m.pose.pose.position, 'y', np.nan)),
-            fields.NOT_FINITE,
+            NOT_FINITE,
             f'position of the base {NEVER_FINITE}',
         ),
-        (NAMELESS, fields.JOINT_MISSING, 'they hold a, b, c, d, e, f'),
+        (NAMELESS, JOINT_MISSING, 'they hold a, b, c, d, e, f'),
     ],
 )
 def test_unusable_messages_are_reported(spoil: Defect, cause: str, sentence: str) -> None:
@@ -78,10 +85,10 @@ def test_poses_of_zeros_are_lost_tracking_once_the_base_was_seen(at_once: int) -
         return messages
 
     result, session = estimates(ROBOT, spoiled(100, 250), at_once=at_once)
-    assert session.dropped[fields.LOST_TRACKING] == 150
+    assert session.dropped[LOST_TRACKING] == 150
     assert result[-1].status != 'inconsistent'
     _, session = estimates(ROBOT, spoiled(0, 400), at_once=at_once)
-    assert session.dropped[fields.LOST_TRACKING] == 0  # a base that is held, to the bit
+    assert session.dropped[LOST_TRACKING] == 0  # a base that is held, to the bit
 
 
 @pytest.mark.parametrize('at_once', [1, 100_000])
@@ -93,7 +100,7 @@ def test_covariances_that_are_none_are_counted_and_the_parameters_stand_in_for_t
     plain, _ = estimates(ROBOT, changed(ODOMETRY, defects.no_covariance)(messages))
     result, session = estimates(ROBOT, changed(ODOMETRY, spoil)(messages), at_once=at_once)
     assert np.array_equal(first_columns(result), first_columns(plain))
-    assert (session.replaced, session.dropped.total()) == ({fields.POSE_COVARIANCE: 400}, 0)
+    assert (session.replaced, session.dropped.total()) == ({POSE_COVARIANCE: 400}, 0)
     reported = '400 messages partly used: covariance of the pose is none: not finite, not symmetric, not positive'
     assert [warning.startswith(reported) for warning in intake_warnings(session)] == [True]
     session.reset()
@@ -104,10 +111,10 @@ def test_what_was_wrong_before_a_restart_is_counted_and_not_named_as_missing() -
     spoil = changed(ODOMETRY, lambda m: setattr(m.twist, 'covariance', np.full(36, np.nan)))
     _, session = estimates(ROBOT, [*spoil(arrivals(ROBOT, 7.0, 2)[1000:1400]), *clean()[:400]], at_once=1)
     assert session.restarted == 1
-    assert session.replaced == {fields.TWIST_COVARIANCE: 200}
+    assert session.replaced == {TWIST_COVARIANCE: 200}
     _, session = estimates(ROBOT, [*NAMELESS(clean()[1000:1400]), *clean()[:400]], at_once=1)
     assert session.restarted == 1
-    assert explain(session, [fields.JOINT_MISSING]) == [fields.JOINT_MISSING]
+    assert explain(session, [JOINT_MISSING]) == [JOINT_MISSING]
     assert missing_joints(session) == ()
 
 
@@ -126,7 +133,7 @@ def test_only_what_keeps_most_joint_states_from_use_counts_as_missing() -> None:
     tail = clean()[600:800]
     for whole, missing in ((clean()[:100], ('joint1',)), (clean()[:600], ())):
         _, session = estimates(ROBOT, [*whole, *NAMELESS(tail)])
-        assert session.dropped[fields.JOINT_MISSING] == 100
+        assert session.dropped[JOINT_MISSING] == 100
         assert missing_joints(session)[:1] == missing
 
 

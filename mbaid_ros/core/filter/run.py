@@ -1,35 +1,42 @@
-"""One run of the filter: its phase, the bank of hypotheses, the stored windows and their linearisation point.
-
-The first windows are relinearised together, ever more of them, until their linearisation may be frozen.
-"""
+"""One run of the trajectory filter: it collects windows, initialises, then tracks at a linearisation point."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from enum import Enum, auto
 
 import numpy as np
 
-from mbaid_ros.core.filter.bank import Bank, HypothesisFilter, leader, update_bank
-from mbaid_ros.core.filter.batch import HOPELESS, BatchIteration
-from mbaid_ros.core.filter.initialisation import resolved_frequencies
-from mbaid_ros.core.filter.linearisation_point import LinearisationPoint
-from mbaid_ros.core.filter.prior_scale import PriorScaleFactors
-from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
-from mbaid_ros.core.filter.start import MultiStart, Start
-from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Layout, Point
-from mbaid_ros.core.filter.time_update import Hypothesis
-from mbaid_ros.core.filter.variables import Variables
-from mbaid_ros.core.filter.whitened import LinearisationCache
-from mbaid_ros.core.filter.window import Window, in_stacks
+from mbaid_ros.core.contracts import Hypothesis, in_stacks
+from mbaid_ros.core.filter.gaussian import SquareRootInformation
+from mbaid_ros.core.filter.hypotheses import (
+    HOPELESS,
+    Bank,
+    BatchIteration,
+    HypothesisFilter,
+    MultiStart,
+    Start,
+    leader,
+    update_bank,
+)
+from mbaid_ros.core.filter.linearise import LinearisationCache
+from mbaid_ros.core.filter.posterior import MeanAndCovariance, PriorScaleFactors
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.results.reporting import Curvature
-from mbaid_ros.core.results.status import LARGEST_NIS
+from mbaid_ros.core.passive.joints import resolved_frequencies
+from mbaid_ros.core.results.identifiable import Curvature
+from mbaid_ros.core.results.verdict import LARGEST_NIS
 from mbaid_ros.core.robot.momentum import body_sizes
+from mbaid_ros.core.state import BODY, BODY_PLACES, Layout, Point, Variables, near_part
 from mbaid_ros.core.tasks import AT_ONCE, Kind, Tasks, outcome_or_none
+from mbaid_ros.core.windows import Window
 
+# The point moves when the estimate is this far from its reference (squared Mahalanobis distance, of 20 to 200
+# numbers): directions that nothing sees gain less information by that than their priors have. It moves along directions
+# whose relative deviation is below the second number, and along those whose offset squared, the remainder of second
+# order, exceeds a tenth of their deviation. An unknown's unit is about 1 % of its size.
+_HELD, _WELL_KNOWN, _CURVED, _UNIT = 16.0, 1e-3, 0.1, 0.01
 _CONFIRMING = 8  # windows that show whether a jump was an impulse: if the target has moved, so many do not fit
-
 # Growth of the windows until the next search, so that all searches together cost three times the last; where the target
 # has a prior, at which it is linear until the data move it, five times.
 _GROWTH, _GROWTH_DESCRIBED = 1.5, 1.25
@@ -48,6 +55,60 @@ _KNOWN = 0.1
 # where the target has a prior: windows are rare then, and each may leave the linear range.
 _SHARE, _FIRST_SHARE = 300, 1200
 _KINDS = Kind.NONLINEARITY, Kind.NEWTON_STEP, Kind.SEARCH
+
+
+@dataclass(frozen=True, eq=False)
+class LinearisationPoint:
+    """The linearisation point of the windows to come (trajectory.md, eq. 6).
+
+    Each window is blind along some directions, such as all masses and momenta growing together, or CoM and odometry
+    mount displaced together. Linearised at another point these are others, and together the windows would seem to see
+    them. So the point follows the estimate along the directions that are well known, and rests along the others unless
+    the estimate is far.
+    """
+
+    point: Point  # at which windows are linearised at present
+    reference: Array  # (s,) the estimate when the point moved last
+
+    def near_estimate(
+        self, gaussian: SquareRootInformation, layout: Layout, variables: Variables
+    ) -> LinearisationPoint:
+        """Return the same, or relinearised if the estimate is too far from its reference."""
+        distribution = MeanAndCovariance.from_gaussian(gaussian, variables)
+        gather, root = variables.from_state[variables.persistent], _known(gaussian.triangle, variables)
+        distance = root @ (gather @ (distribution.mean - self.reference))
+        return self._relinearised(distribution, root, layout) if distance @ distance > _HELD else self
+
+    def _relinearised(self, distribution: MeanAndCovariance, root: Array, layout: Layout) -> LinearisationPoint:
+        """Return it moved to the estimate, along eigenvectors of the information R^T R of the lasting variables."""
+        variables, held = distribution.variables, self.point
+        lasting, state = variables.persistent, held.state
+        # A body heavier than the robot sets the typical size: its momentum at 1 m/s is the typical one.
+        heavier = float(distribution.mean[BODY.start] / variables.typical_momentum[0])
+        unit = np.full(root.shape[1], 1.0 / max(1.0, heavier))
+        unit[np.arange(len(variables.scale))[lasting] >= variables.first_unknown] = _UNIT
+        information, directions = np.linalg.eigh((root / unit).T @ (root / unit))
+        deviation = 1.0 / np.sqrt(np.maximum(information, 1.0))
+        offset = directions.T @ (unit * (variables.from_state[lasting] @ (distribution.mean - state)))
+        moving = (deviation < _WELL_KNOWN) | (offset**2 > _CURVED * deviation)
+        state += variables.to_state[:, lasting] @ (directions @ np.where(moving, offset, 0.0) / unit)
+        step = state[layout.parameters] - held.parameters
+        part = near_part(held.parameters, step)
+        state[layout.parameters] = held.parameters + part * step
+        # The next window continues the error chain of the last: at the same readings.
+        state[layout.readings] = held.readings
+        return LinearisationPoint(layout.point(state), distribution.mean.copy() if part == 1.0 else self.reference)
+
+
+def _known(root: Array, variables: Variables) -> Array:
+    """Return the square-root information R of all but pose error, Gauss-Markov processes and a constant force."""
+    first, count = variables.poses, len(variables.scale)
+    others = np.concatenate((np.arange(count, len(root)), variables.gauss_markov)).astype(int)
+    if not others.size:
+        return root[first:, first:count]
+    order = np.concatenate((others, np.arange(count)[variables.persistent]))
+    triangle = np.asarray(np.linalg.qr(root[first:, order], mode='r'))
+    return triangle[len(others) : len(order), len(others) :]
 
 
 class Phase(Enum):

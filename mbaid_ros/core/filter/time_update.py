@@ -1,52 +1,19 @@
-"""Hypotheses of a force or drift, and the Gaussian's step from window to window under them (Bierman 1977, chapter 6).
-
-From window to window pose error, momentum and walking unknowns change. The first two come first among the variables,
-so that a step reworks few rows of the triangle.
-"""
+"""The time update: random walks, Gauss-Markov processes, forgetting, and what a gap does to the state."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from scipy.linalg.lapack import dgeqrf
 
-from mbaid_ros.core.filter.conditional_root import ConditionalRoot, identity, upper_ones
-from mbaid_ros.core.filter.square_root import SquareRootInformation
-from mbaid_ros.core.filter.state import MOMENTUM, POSE
-from mbaid_ros.core.filter.variables import Variables
-from mbaid_ros.core.filter.whitened import Axes, WhitenedWindow
-from mbaid_ros.core.filter.window import Window
+from mbaid_ros.core.contracts import Axes, Hypothesis
+from mbaid_ros.core.filter.gaussian import ConditionalRoot, SquareRootInformation, identity, upper_ones
+from mbaid_ros.core.filter.linearise import WhitenedWindow
 from mbaid_ros.core.geometry import Array, Integers
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """A disturbance or drift: a constant force, and random walks with intensities a square root of a second."""
-
-    name: str  # in words
-    cause: str = ''  # the likely source, and the remedy
-    momentum: float = 0.0  # N s and N m s: an external force
-    position: float = 0.0  # m: the odometry's own drift
-    # axes of a constant force and torque: of the base, on its origin, or inertial, at the common centre of mass
-    force: Axes = 'none'
-    physical: bool = True  # whether it has a mechanism; a random walk follows anything
-
-    @property
-    def disturbed(self) -> bool:
-        """Whether anything acts or drifts at all."""
-        return self.force != 'none' or self.position > 0.0 or self.momentum > 0.0
-
-    @cached_property
-    def random_walk(self) -> Array:
-        """The (12, w) factor of the walks of pose error and momentum."""
-        intensities = np.repeat((0.0, self.position, self.momentum), (3, 3, 6))
-        return np.diag(intensities)[:, intensities > 0.0]
-
-
-UNDISTURBED = Hypothesis('nothing drifts')
+from mbaid_ros.core.state import MOMENTUM, POSE, Variables
+from mbaid_ros.core.windows import Window
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""An estimate, the captured body alone, and when numbers that have been published are withdrawn."""
+"""The estimate and its events: the records that nodes publish and `replay` writes."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from typing import Literal
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.results.parameters import ErrorBudget
-from mbaid_ros.core.robot.momentum import physical, physical_jacobian, standard
-from mbaid_ros.core.sensors.levels import SensorLevels
+from mbaid_ros.core.results.budget import ErrorBudget
+from mbaid_ros.core.results.noise_levels import SensorLevels
 
 # Where the parameters would be published if the data did not contradict the model.
 WITHHELD = 'the data contradict the model so strongly that no parameter can be published'
-
-# Where a run is relative to the capture; core/capture/estimator.py decides.
+# Where a run is relative to the capture; core/capture.py decides.
 CapturePhase = Literal['pre_capture', 'capture', 'post_capture']
 Status = Literal['waiting', 'estimating', 'converged', 'not_identifiable', 'inconsistent']
+PULSE = 'thrust pulse or contact'
+SYMPTOM = 'one of too many jumps for a pulse: something else is wrong'
 
 
 def contradiction(status: str, warnings: Sequence[str]) -> bool:
@@ -83,7 +83,7 @@ class Estimate:
     """The state of an identification after a window, or after a sample with the paper's methods."""
 
     method: str  # name of the method
-    status: Status  # see Status; the rules stand in core/results/status.py
+    status: Status  # see Status; the rules stand in core/results/verdict.py
     time: float = 0.0  # s since the first sample of the run
     stamp: int = 0  # ns, stamp of the last sample used
     # (10,) in the order of PARAMETERS, SI; NaN where the data do not determine one
@@ -194,72 +194,6 @@ def determined(momentum: Array, stds: Array) -> Flags:
     return np.isfinite(momentum) & ~(stds > size)
 
 
-PULSE = 'thrust pulse or contact'
-SYMPTOM = 'one of too many jumps for a pulse: something else is wrong'
-
-
-def constant_force(axes: str) -> str:
-    """Return the likely sources of a constant force and torque, by its axes."""
-    acting = {
-        'inertial': 'inertial axes, at the common centre of mass: a tilted table, drag or gravity in orbit',
-        'inertial on the base': 'inertial axes, on the base: a cable, or a leak',
-        'body': 'base axes: a leak or thrust',
-    }
-    return f'a force or torque that is constant in {acting[axes]}'
-
-
-def changed_by(text: str, mass: float | None, centre: Array) -> str:
-    """Return a target-changed text with the size of the change: kg, None if fixed, and (3,) m of the centre of mass."""
-    along = ', '.join(f'{value:+.3g}' for value in centre)
-    heavier = '' if mass is None else f', the mass by {mass:+.3g} kg'
-    return f'{text}; the centre of mass has changed by ({along}) m{heavier}'
-
-
-# Relative standard deviation from which a mass may be zero, at two standard deviations.
-_MASS_MAY_VANISH = 0.5
-
-
-@dataclass(frozen=True)
-class Debris:
-    """The captured body: mass, CoM and inertia about it (10,), with covariance, in the target link's frame."""
-
-    parameters: Array
-    covariance: Array
-
-    @property
-    def std(self) -> Array:
-        """One standard deviation of each parameter, (10,)."""
-        return np.sqrt(np.diag(self.covariance))
-
-
-def debris(estimate: Estimate, link: Array, link_covariance: Array | None = None) -> Debris | None:
-    """Return the captured body, None where not all ten parameters are determined or its mass may be zero.
-
-    Standard parameters add up, so those of the link are subtracted, and the covariances of both added.
-
-    Parameters
-    ----------
-    estimate : of link and captured body together
-    link : (10,) standard parameters (m, h, I_o) of the link itself
-    link_covariance : (10, 10) of the link's parameters; known exactly where not given
-    """
-    if not np.all(estimate.identifiable) or not np.all(np.isfinite(estimate.covariance)):
-        return None
-    together = standard(estimate.parameters)
-    alone = together - link
-    if alone[0] <= 0.0:
-        return None
-    # Covariance of (m, h, I_o) from that of (m, r_c, I_c), then on to the captured body's own (m, r_c, I_c).
-    onward = physical_jacobian(alone)
-    change = np.linalg.solve(physical_jacobian(together).T, onward.T).T
-    covariance = change @ estimate.covariance @ change.T
-    if link_covariance is not None:
-        covariance = covariance + onward @ link_covariance @ onward.T
-    if covariance[0, 0] > (_MASS_MAY_VANISH * alone[0]) ** 2:
-        return None
-    return Debris(physical(alone), covariance)
-
-
 def is_usable(estimate: Estimate) -> bool:
     """Return whether an estimate has a positive mass, two coordinates of the CoM and a moment: enough in a plane."""
     mass, com, moments = estimate.parameters[0], estimate.parameters[1:4], estimate.parameters[[4, 7, 9]]
@@ -270,31 +204,3 @@ def is_usable(estimate: Estimate) -> bool:
 def is_complete(estimate: Estimate) -> bool:
     """Return whether all ten parameters of a link are known."""
     return is_usable(estimate) and bool(np.all(estimate.identifiable & np.isfinite(estimate.parameters)))
-
-
-class InertiaPublication:
-    """The mass properties of estimates that follow each other."""
-
-    def __init__(self) -> None:
-        self._published = False  # whether the last ones can be used
-
-    def next_published(self, estimate: Estimate) -> Estimate | None:
-        """Return the next estimate, without its numbers where these cannot be used; None where that is known."""
-        before, self._published = self._published, is_usable(estimate)
-        if self._published:
-            return estimate
-        return replace(estimate, parameters=np.full(10, np.nan)) if before else None
-
-
-class DebrisPublication:
-    """The captured body alone, as estimates that follow each other have it."""
-
-    def __init__(self) -> None:
-        self._published: Debris | None = None
-
-    def next_published(self, found: Debris | None) -> Debris | None:
-        """Return the next one, without numbers where it is not determined any more; None where that is known."""
-        before, self._published = self._published, found
-        if found is None and before is not None:
-            return replace(before, parameters=np.full(10, np.nan), covariance=np.full((10, 10), np.nan))
-        return found

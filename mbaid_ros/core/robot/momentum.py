@@ -1,20 +1,16 @@
-"""A body's ten parameters and its momentum, linear in the standard ones (m, h, I_o); physical ones are (m, r_c, I_c).
-
-Momentum is (P, L_b): linear, and angular about the origin of the base link, in odometry axes. About the odometry origin
-L = L_b + p x P with p the position of the base link. Everything works on batches.
-"""
+"""Momentum of bodies by their ten inertial parameters, its derivatives, and the kernel of a whole robot."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, Flags, bracket, cross, rotate, rotate_back, skew, unvec, vec
-from mbaid_ros.core.linear_algebra import is_positive
-from mbaid_ros.core.robot.model import Link, express
-from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.geometry import Array, Flags, bracket, cross, is_positive, rotate, rotate_back, skew, unvec, vec
+from mbaid_ros.core.robot.model import Configuration, Kinematics, Link, RobotModel, displaced, express
+from mbaid_ros.core.samples import Index, Samples
 
 # d vec(I)/dr of the Steiner term is assembled from these: E_k = d[r]x / dr_k.
 _GENERATORS = skew(np.eye(3))
@@ -92,44 +88,6 @@ def are_physical(standard_parameters: Array) -> Flags:
     finite = np.all(np.isfinite(standard_parameters), axis=1)
     matrices = pseudo_inertia(np.where(finite[:, None], standard_parameters, 0.0))
     return np.array([is_positive(each) for each in matrices])
-
-
-@dataclass(frozen=True)
-class Principal:
-    """Principal moments (3,) kg m^2, ascending, and axes: columns of a (3, 3) rotation in the link's frame."""
-
-    moments: Array
-    axes: Array
-
-
-def principal(parameters: Array) -> Principal:
-    """Return the principal axes of (10,) parameters (m, r_c, I_c), right-handed.
-
-    The largest component of an axis is positive, so that small changes do not flip it; the third completes the others.
-    """
-    moments, axes = np.linalg.eigh(unvec(parameters[4:]))
-    largest = axes[np.argmax(np.abs(axes), axis=0), np.arange(3)]
-    axes = axes * np.where(largest < 0.0, -1.0, 1.0)
-    axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
-    return Principal(moments, axes)
-
-
-def ellipsoid_radii(mass: float, moments: Array) -> Array:
-    """Return the (3,) semi-axes, m, of the uniform ellipsoid with principal moments I_x = m (b^2 + c^2) / 5.
-
-    A body flatter than flat has a radius of 0.
-    """
-    return np.sqrt(5.0 * _second_moments(moments) / mass)
-
-
-def box_sizes(mass: float, moments: Array) -> Array:
-    """Return the (3,) edges, m, of the uniform box with principal moments I_x = m (b^2 + c^2) / 12; 0 at least."""
-    return np.sqrt(12.0 * _second_moments(moments) / mass)
-
-
-def _second_moments(moments: Array) -> Array:
-    """Return the integrals of x^2, y^2, z^2 over the mass: (I_y + I_z - I_x) / 2 and so on."""
-    return np.maximum(0.5 * np.sum(moments) - moments, 0.0)
 
 
 def momentum(parameters: Array, twist: Array) -> Array:
@@ -284,3 +242,368 @@ def momentum_change(samples: Samples, parameters: Array) -> Array:
     if not samples.tide.shape[1]:
         return impulse
     return np.asarray(impulse + summed_over_bodies(about_points(samples.tide[-1:], np.zeros((1, 3))), parameters)[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Springs:
+    """f joints that no JointState reports."""
+
+    joints: tuple[int, ...] = ()  # f indices
+    # rate, ratio: (f,) natural angular frequency, rad/s, with all else held; damping ratio
+    frequency: Array = field(default_factory=lambda: np.zeros(0))
+    damping_ratio: Array = field(default_factory=lambda: np.zeros(0))
+    # (2, f) deflection and rate at the first instant, rad or m, and per s
+    initial_state: Array = field(default_factory=lambda: np.zeros((2, 0)))
+
+    @property
+    def count(self) -> int:
+        """Number f."""
+        return len(self.joints)
+
+    @property
+    def highest_frequency(self) -> float:
+        """The highest natural frequency, Hz; 0 without any."""
+        return float(np.max(self.frequency, initial=0.0) / (2.0 * np.pi))
+
+
+@dataclass(frozen=True)
+class KnownErrors:
+    """Errors of the standard parameters of b known bodies: a factor times e independent numbers of variance one.
+
+    `bodies` are indices; the rows of the factor (10 b, e) are in the bodies' own frames.
+    """
+
+    bodies: tuple[int, ...] = ()
+    factor: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    @property
+    def count(self) -> int:
+        """Number e of independent errors."""
+        return self.factor.shape[1]
+
+    @property
+    def covariance(self) -> Array:
+        """Of the standard parameters, (10 b, 10 b)."""
+        return np.asarray(self.factor @ self.factor.T)
+
+
+@dataclass(frozen=True)
+class BodyStates:
+    """N samples as the momentum equations need them, in odometry axes about the base link's origin."""
+
+    configuration: Configuration  # poses of the bodies and joint twists
+    body_twist: Array  # (N, n + 1, 6) twist of every body
+    known: Array  # (N, n + 1, 10) standard parameters of the known bodies
+    # rotation, position, twist: (N, 3, 3), (N, 3), (N, 6) of the target link: R, r and (u, w)
+    rotation: Array
+    position: Array
+    twist: Array
+    # storage, readings: momentum stored inside bodies, and its readings, (N, c)
+    storage: Storage
+    readings: Array
+    # (N, n + 1, 6, 10) derivatives of the change of (P, L_b) by an orbit, by each body's standard parameters in its own
+    # frame; (N, 0, 6, 10) without one
+    tide: Array
+    thrust: Array  # (N, f, 6, 5) derivatives of the change of (P, L_b) by thrust, by each thruster's errors
+
+    def __getitem__(self, index: Index) -> BodyStates:
+        """Return the states of a slice, mask or list of samples."""
+        names = ('configuration', 'body_twist', 'known', 'rotation', 'position', 'twist', 'readings', 'tide', 'thrust')
+        return replace(self, **{name: getattr(self, name)[index] for name in names})
+
+    @property
+    def momenta(self) -> Array:
+        """(P, L) of each known body, with the momentum stored in it, (N, n + 1, 6)."""
+        momenta = momentum(self.known, self.body_twist)
+        if self.storage.count:
+            momenta[..., 3:] += self.storage.momenta(self.configuration.rotation, self.readings)
+        return momenta
+
+    @property
+    def known_momentum(self) -> Array:
+        """(P_k, L_k) of all known bodies, (N, 6)."""
+        return np.sum(self.momenta, axis=1)
+
+    @property
+    def regressor(self) -> Array:
+        """Y of the target link, (N, 6, 10): its momentum is Y (m, h, I_o)."""
+        return regressor(self.rotation, self.position, self.twist)
+
+    def regressor_of(self, link: Link) -> Array:
+        """Return Y of any link, (N, 6, 10)."""
+        rotation, position = self.configuration.link_pose(link)
+        return regressor(rotation, position, self.body_twist[:, link.body])
+
+    @property
+    def hinge_velocity(self) -> Array:
+        """Velocity v of the target link's origin, (N, 3) m/s."""
+        return self.twist[:, :3] + cross(self.twist[:, 3:], self.position)
+
+
+class MomentumKernel:
+    """The momentum of a robot with one unknown link, or several, for batches of samples.
+
+    Raises ModelError: An unknown link is not one of the model.
+
+    Parameters
+    ----------
+    target : name of the unknown link; its inertial entry in the URDF never enters
+    others : names of further unknown links (theta_u and theta_k in the paper's eqs. 6 to 14: any partition)
+
+    Attributes
+    ----------
+    target, unknown : the first of the unknown links, all of them
+    known : (n + 1, 10) standard parameters of the known bodies, each in its own frame
+    errors : of these parameters; none by default
+    storage : momentum stored inside bodies; none by default
+    springs : of passive joints; none by default
+    """
+
+    def __init__(self, model: RobotModel, target: str, *others: str) -> None:
+        self.model = model
+        self.target = model.link(target)
+        self.unknown = (self.target, *map(model.link, others))
+        self.kinematics = Kinematics(model)
+        self.known = model.body_parameters(without=(target, *others))
+        self.errors = KnownErrors()
+        self.storage = Storage()
+        self.springs = Springs()
+
+    def with_body_changes(self, change: Array) -> MomentumKernel:
+        """Return a kernel whose known bodies differ by (n + 1, 10) standard parameters, each in its own frame."""
+        return self._replaced(known=self.known + change)
+
+    def with_unknown_link(self, target: str) -> MomentumKernel:
+        """Return a kernel whose unknown link is another one; the one before is as the robot description has it."""
+        other, before = self.model.link(target), self.target.name
+        known = (
+            self.known + self.model.body_parameters(without=(target,)) - self.model.body_parameters(without=(before,))
+        )
+        return self._replaced(target=other, unknown=(other,), known=known)
+
+    def with_displaced_joints(self, origins: Array, tilts: Array) -> MomentumKernel:
+        """Return a kernel with displaced joints: (n, 3) m, (n, 3) rad as in `ModelErrors`."""
+        model = displaced(self.model, origins, tilts)
+        return self._replaced(model=model, kinematics=Kinematics(model))
+
+    def with_errors(self, errors: KnownErrors) -> MomentumKernel:
+        """Return a kernel whose known bodies have these errors."""
+        return self._replaced(errors=errors)
+
+    def body_parameters(self, parameters: Array) -> Array:
+        """Return the (n + 1, 10) standard parameters of all bodies, given (10,) of the target link in its frame."""
+        known = self.known.copy()
+        known[self.target.body] += express(parameters, self.target.rotation, self.target.position)
+        return known
+
+    def with_storage(self, storage: Storage) -> MomentumKernel:
+        """Return a kernel of a robot that stores momentum inside bodies."""
+        return self._replaced(storage=storage)
+
+    def with_springs(self, springs: Springs) -> MomentumKernel:
+        """Return a kernel of a robot with these passive joints."""
+        return self._replaced(springs=springs)
+
+    def _replaced(self, **changed: object) -> MomentumKernel:
+        other = copy(self)
+        vars(other).update(changed)
+        return other
+
+    def states(self, samples: Samples) -> BodyStates:
+        """Return the states of all bodies at N samples."""
+        twist = np.concatenate((samples.base_linear_velocity, samples.base_angular_velocity), axis=-1)
+        motion = (samples.base_rotation, samples.joint_position, samples.joint_velocity, twist)
+        states = self.states_of(*motion, samples.stored)
+        if not samples.tide.shape[1] and not samples.thrust.shape[1]:
+            return states
+        place = samples.base_position
+        thrust = about_points(samples.thrust, place, THRUSTER_ERRORS)
+        return replace(states, tide=about_points(samples.tide, place), thrust=thrust)
+
+    def states_of(
+        self,
+        base_rotation: Array,
+        joint_position: Array,
+        joint_velocity: Array,
+        base_twist: Array,
+        readings: Array | None = None,
+    ) -> BodyStates:
+        """Return the states of all bodies for (N, 3, 3), (N, n), (N, n), (N, 6) in odometry axes.
+
+        Without (N, c) readings of the stored momentum, it is zero.
+        """
+        count = len(joint_position)
+        configuration = self.kinematics.configure(base_rotation, joint_position)
+        body_twist = self.kinematics.body_twists(configuration, joint_velocity, base_twist)
+        rotation, position = configuration.link_pose(self.target)
+        return BodyStates(
+            configuration=configuration,
+            body_twist=body_twist,
+            known=express(self.known, configuration.rotation, configuration.position),
+            rotation=rotation,
+            position=position,
+            twist=body_twist[:, self.target.body],
+            storage=self.storage,
+            readings=np.zeros((count, self.storage.count)) if readings is None else readings,
+            tide=np.zeros((count, 0, 6, 10)),
+            thrust=np.zeros((count, 0, 6, THRUSTER_ERRORS)),
+        )
+
+
+def unknown_scale(kernel: MomentumKernel) -> Array:
+    """Return the (16,) typical sizes of (m, h, I_o, P_0, L_0), by which unknowns are scaled before anything is solved.
+
+    Mass and size of the known bodies set them; momentum is that of the whole moving at 1 m/s and 1 rad/s.
+    """
+    bodies = kernel.model.body_parameters(without=kernel.target.name)
+    mass = max(float(np.sum(bodies[:, 0])), 1e-3)
+    steps = np.concatenate((kernel.model.positions, kernel.target.position[None]))
+    length = max(float(np.sum(np.linalg.norm(steps, axis=1))), 0.1)
+    body = np.concatenate(([mass], np.full(3, mass * length), np.full(6, mass * length**2)))
+    return np.concatenate((body, np.full(3, mass), np.full(3, mass * length)))
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Derivatives of the momentum (P, L_b) by the measured quantities z, at N states: d h / dz = known + target phi.
+
+    The order of z is: joint positions (n), joint velocities (n), base orientation (3, odometry axes), base linear and
+    angular velocity (3 + 3, base axes). About the base's origin the momentum does not depend on the base's position.
+    """
+
+    known: Array  # (N, 6, 2 n + 9)
+    target: Array  # (N, 6, 2 n + 9, 10 k), to be multiplied by the standard parameters of the k unknown links
+
+
+def sensitivity(kernel: MomentumKernel, states: BodyStates) -> Sensitivity:
+    """Return the derivatives of the momentum by the measurements, at N states."""
+    members, owner, twists = _movers_and_twists(kernel, states)
+    joint_twist = states.configuration.joint_twist
+    parts = []
+    for link in kernel.unknown:
+        moves = members[:, link.body]  # 1 where the joint moves the link
+        rotation, position = states.configuration.link_pose(link)
+        # The regressor is linear in the twist: that of the unit twists, (N, 6, 60), makes all others.
+        units = regressor(rotation[:, None], position[:, None], np.eye(6)).reshape(-1, 6, 60)
+        moving = np.concatenate(
+            (twists * moves[owner, None], states.body_twist[:, None, link.body] * moves[:, None]), 1
+        )
+        products = np.moveaxis((moving @ units).reshape(*moving.shape, 10), -1, 1)
+        parts.append(_assembled(joint_twist, *np.split(products, [twists.shape[1]], axis=2)))
+    return Sensitivity(sensitivity_of_known(kernel, states), np.concatenate(parts, axis=-1))
+
+
+def sensitivity_of_known(kernel: MomentumKernel, states: BodyStates) -> Array:
+    """Return the (N, 6, 2 n + 9) derivatives of the known bodies' momentum alone."""
+    members, owner, twists = _movers_and_twists(kernel, states)
+    composite = members @ states.known
+    momenta = members @ states.momenta  # of the bodies that the joints move, and of the whole
+    joint_twist = states.configuration.joint_twist
+    return _assembled(joint_twist, momentum(composite[:, owner], twists)[:, None], momenta[:, None])[..., 0]
+
+
+def sensitivity_to_joints(kernel: MomentumKernel, states: BodyStates) -> tuple[Array, Array]:
+    """Return the (N, 6, n) derivatives of the known bodies' momentum by joint positions, and by joint velocities."""
+    positions, velocities = np.split(sensitivity_of_known(kernel, states)[..., : 2 * kernel.model.joints], 2, axis=-1)
+    return positions, velocities
+
+
+def _movers_and_twists(kernel: MomentumKernel, states: BodyStates) -> tuple[Array, Array, Array]:
+    """Return the bodies moved by each joint, and (last) the base, (n + 1, n + 1); the mover of each twist; the twists.
+
+    The (N, 2 n + 6, 6) twists: the changes of the joints' children by turning, the joints' own, the base's unit twists.
+    """
+    ancestors = kernel.kinematics.ancestors  # (bodies, joints)
+    joint_twist = states.configuration.joint_twist
+    joints = joint_twist.shape[1]
+    # Composite bodies: everything that joint j moves, and (last) the whole robot.
+    members = np.concatenate((ancestors.T, np.ones((1, joints + 1))))
+    # q_j turns its subtree, but the carrier's velocity is held: S_j x* h - I (S_j x V_j), V_j of the child.
+    carried = motion_cross(joint_twist, states.body_twist[:, 1:])
+    unit = _base_twists(states.configuration.rotation[:, 0])
+    owner = np.concatenate((np.arange(joints), np.arange(joints), np.full(6, joints)))
+    return members, owner, np.concatenate((carried, joint_twist, unit), axis=1)
+
+
+def _assembled(joint_twist: Array, moved: Array, momenta: Array) -> Array:
+    """Return the derivatives of c momenta, (N, 6, 2 n + 9, c), in the order of `Sensitivity`.
+
+    Parameters
+    ----------
+    joint_twist : (N, n, 6) S_j
+    moved : (N, c, 2 n + 6, 6) momentum of the subtrees at the twists S_j x V_j, S_j and the base's unit twists
+    momenta : (N, c, n + 1, 6) momentum of the subtree of joint j, and (last) of everything
+    """
+    joints = joint_twist.shape[1]
+    moved, momenta = np.moveaxis(moved, 1, -1), np.moveaxis(momenta, 1, -1)  # as they are multiplied: (N, ..., 6, c)
+    positions = _force_matrix(joint_twist) @ momenta[:, :joints] - moved[:, :joints]
+    # The base's orientation turns everything: S x* h of the whole robot.
+    orientation = _TURNS @ momenta[:, joints, None]
+    rates, velocities = moved[:, joints : 2 * joints], moved[:, 2 * joints :]
+    return np.concatenate((positions, rates, orientation, velocities), axis=1).swapaxes(1, 2)
+
+
+def motion_cross(left: Array, right: Array) -> Array:
+    """Return the twist S x V, for (..., 6) twists (u, w)."""
+    linear = cross(left[..., 3:], right[..., :3]) + cross(left[..., :3], right[..., 3:])
+    return np.concatenate((linear, cross(left[..., 3:], right[..., 3:])), axis=-1)
+
+
+def force_cross(twist: Array, momentum_vector: Array) -> Array:
+    """Return S x* h, for (..., 6) twists (u, w) and momenta (P, L)."""
+    linear, angular = momentum_vector[..., :3], momentum_vector[..., 3:]
+    moment = cross(twist[..., 3:], angular) + cross(twist[..., :3], linear)
+    return np.concatenate((cross(twist[..., 3:], linear), moment), axis=-1)
+
+
+def _force_matrix(twist: Array) -> Array:
+    """Return the (..., 6, 6) matrix that makes S x* h of h."""
+    matrix = np.zeros((*twist.shape, 6))
+    matrix[..., :3, :3] = matrix[..., 3:, 3:] = skew(twist[..., 3:])
+    matrix[..., 3:, :3] = skew(twist[..., :3])
+    return matrix
+
+
+_TURNS = _force_matrix(np.eye(6)[3:])  # by the unit twists about the axes
+
+
+def _base_twists(rotation: Array) -> Array:
+    """Return the (N, 6, 6) unit twists along and about the base's axes, one a row."""
+    twists = np.zeros((len(rotation), 6, 6))
+    twists[:, :3, :3] = twists[:, 3:, 3:] = np.swapaxes(rotation, -1, -2)
+    return twists
+
+
+def mobility_and_momentum(bodies: Array, body_twist: Array) -> tuple[Array, Array]:
+    """Return the inverse of the locked inertia (N, 6, 6) and the momentum (N, 6) of all bodies about the base's origin.
+
+    Raises LinAlgError: All mass lies on a line, and the locked inertia has no inverse.
+
+    Parameters
+    ----------
+    bodies : (N, b, 10) standard parameters of the bodies at N instants, about the base's origin in common axes
+    body_twist : (N, b, 6) (u, w) at the base's origin
+    """
+    mobility = np.linalg.inv(inertia_matrix(np.sum(bodies, axis=1)))
+    return mobility, np.sum(momentum(bodies, body_twist), axis=1)
+
+
+def mobility_and_joint_momentum(
+    kernel: MomentumKernel, stored: Array, bodies: Array, placed: Configuration, body_twist: Array
+) -> tuple[Array, Array]:
+    """Return M^-1 and the momentum of the joint motion at a resting base, that stored inside bodies included.
+
+    `stored` (N, c) are its readings; `bodies` (N, b, 10) are those of `placed`, in common axes about the base's origin.
+    """
+    mobility, moving = mobility_and_momentum(bodies, body_twist)
+    if kernel.storage.count:
+        moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, stored), axis=1)
+    return mobility, moving
+
+
+def in_plane(mobility: Array, plane: Array) -> Array:
+    """Return the (N, 6, 6) matrices from momentum to twist of a robot kept in a plane with (3, 6) rows.
+
+    The constraint takes up all momentum out of the plane.
+    """
+    return np.asarray(plane.T @ np.linalg.inv(plane @ np.linalg.inv(mobility) @ plane.T) @ plane)

@@ -8,13 +8,13 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.budget import BAND, PARAMETERS
 from mbaid_ros.core.results.estimate import Estimate, determined
-from mbaid_ros.core.results.parameters import BAND, PARAMETERS
+from mbaid_ros.core.results.identifiable import LARGEST_RESIDUAL
 from mbaid_ros.replay.report.markup import SERIES, TIME, Colour, curve, entitle, legend, level, new_axes, scale, svg
 from mbaid_ros.replay.report.tables import SHOWN_UNITS
 from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.saved import Truth
-from mbaid_ros.session.methods import LARGEST_RESIDUAL
 
 _PLOTTED = 800  # points of a curve: more than a screen resolves
 _SHORTEST = 1e-9  # s, that a time axis spans

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import values_of
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.results.budget import PARAMETERS
 from mbaid_ros.core.results.estimate import determined
-from mbaid_ros.core.results.parameters import PARAMETERS
+from mbaid_ros.parameters import values_of
 from mbaid_ros.replay import provenance
 from mbaid_ros.replay.output import events
 from mbaid_ros.replay.report import figures

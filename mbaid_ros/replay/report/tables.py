@@ -6,20 +6,13 @@ import math
 
 import numpy as np
 
-from mbaid_ros.core.errors import listing
+from mbaid_ros.core.contracts import remedy_text
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.budget import PARAMETERS, SENSOR_NOISE, UNITS, ErrorBudget, percent, short
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.parameters import (
-    PARAMETERS,
-    SENSOR_NOISE,
-    UNITS,
-    ErrorBudget,
-    percent,
-    short,
-)
-from mbaid_ros.core.sensors.levels import CHANNELS, SensorLevels
-from mbaid_ros.core.sensors.levels import UNITS as CHANNEL_UNITS
-from mbaid_ros.core.unknowns.catalogue import remedy_text
+from mbaid_ros.core.results.noise_levels import CHANNELS, SensorLevels
+from mbaid_ros.core.results.noise_levels import UNITS as CHANNEL_UNITS
+from mbaid_ros.errors import listing
 from mbaid_ros.replay.report.markup import PLUS_MINUS, estimates, folded, listed, number, paragraph, table, text
 from mbaid_ros.replay.results import Run
 

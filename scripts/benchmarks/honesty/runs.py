@@ -15,15 +15,15 @@ from benchmarks.frame import PUBLISHED, Runs, declared
 from benchmarks.honesty.disturbed import CATALOGUE
 from benchmarks.honesty.readings import Readings, read
 from benchmarks.honesty.worlds import World, float_freely, swing
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import build
-from mbaid_ros.core.errors import MbaidError
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.method import FIRST_ESTIMATE
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.core.two_stage import FIRST_ESTIMATE
+from mbaid_ros.errors import MbaidError
+from mbaid_ros.parameters import build
 from mbaid_ros.replay.campaigns.statistics import QUANTILE, nees
 from mbaid_ros.sensor_messages import Joints, Poses, joints_of, poses_of
 from mbaid_ros.session.session import Session

@@ -10,8 +10,7 @@ import pinocchio
 from benchmarks.data import RATE
 from benchmarks.honesty.paths import Path
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.robot.kinematics import Kinematics
-from mbaid_ros.core.robot.model import express, load_model, parse
+from mbaid_ros.core.robot.model import Kinematics, express, load_model, parse
 from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.environment import Environment, Springs

@@ -12,14 +12,14 @@ from benchmarks.honesty import robots
 from benchmarks.in_mujoco import InMuJoCo
 from benchmarks.model_errors import DEFAULT, attainable, settings
 from benchmarks.peers import redysim
-from mbaid_ros.config.model_errors import EXACT
+from mbaid_ros.config.estimator_parameters import EXACT
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.model_errors import ModelErrors
 from mbaid_ros.simulated_robot import make_initial_state, make_motion, make_simulation
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.motion import Driven
 from mbaid_ros.simulation.simulation import Truth
+from mbaid_ros.simulation.true_robot import ModelErrors
 
 ORBIT = {'orbit.mean_motion': 1.1308e-3, 'orbit.nadir': (0.6, 0.0, 0.8), 'orbit.normal': (0.8, 0.0, -0.6)}
 _AWAY = (12.0, -10.0, 13.0)  # m from the origin of the falling frame, in orbit

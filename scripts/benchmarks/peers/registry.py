@@ -11,10 +11,10 @@ import numpy as np
 from benchmarks.frame import declared
 from benchmarks.peers import methods
 from benchmarks.peers.recording import Answer, Known
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import build
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.parameters import build
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.run import replay_bag
+from mbaid_ros.replay.one_bag import replay_bag
 
 BEST = 'trajectory'  # the package's default method
 OURS = ('difference', BEST)

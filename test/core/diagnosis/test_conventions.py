@@ -10,15 +10,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from mbaid_ros.core.diagnosis.conventions import Convention, axis_conventions, fitted
-from mbaid_ros.core.diagnosis.rate_checks import twist_check
-from mbaid_ros.core.filter.knots import AFTER, BEFORE, averages
-from mbaid_ros.core.filter.window import Window, WindowNoise
+from mbaid_ros.core.contracts import Convention
+from mbaid_ros.core.diagnosis.passes import fitted
 from mbaid_ros.core.geometry import Array, cross, exp, rotate, rotate_back, rotation_from_quaternion
-from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.odometry.faults import axis_conventions, twist_check
+from mbaid_ros.core.odometry.stream import AttachedFrame
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.sensors.base import AttachedFrame
+from mbaid_ros.core.windows import AFTER, BEFORE, Window, WindowNoise, averages
 from mbaid_ros.session.catalogue import conventions
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, configured_motion, kernel, observe, windows

@@ -8,9 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbaid_ros.core.diagnosis.candidates import FEWEST, Candidate, CandidateCauses
-from mbaid_ros.core.diagnosis.ranking import CandidateCause, IsolationResult, explains, likeliest_kinds, ranked
-from mbaid_ros.core.results.status import Innovations
+from mbaid_ros.core.diagnosis.isolation import (
+    FEWEST,
+    Candidate,
+    CandidateCause,
+    CandidateCauses,
+    IsolationResult,
+    explains,
+    likeliest_kinds,
+    ranked,
+)
+from mbaid_ros.core.results.verdict import Innovations
 from mbaid_ros.core.tasks import Work
 
 Row = tuple[float, str]  # gain, and what it is: a thing, something of the twist, or a walk without a mechanism

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbaid_ros.core.diagnosis.rate_checks import Motion, _gyro_motion, _twist_motion
 from mbaid_ros.core.geometry import exp
+from mbaid_ros.core.gyro import _gyro_motion
+from mbaid_ros.core.odometry.faults import Motion, _twist_motion
 from mbaid_ros.core.samples import Samples
 
 WINDOWS, COUNT, STEP = 500, 30, 0.02  # samples of a window, and s between them

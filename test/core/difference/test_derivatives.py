@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from checked import assert_derivative, generic
-from mbaid_ros.core.difference.window_rows import _derivatives, window_rows
+from mbaid_ros.core.difference.weighted import _derivatives, window_rows
 from mbaid_ros.core.geometry import Array, exp, rotate
-from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import Samples, SensorNoise
 from random_robots import random_storage, spatial
 

@@ -10,13 +10,12 @@ import pytest
 from scipy.stats import chi2
 
 from floating import float_freely, pushing
-from mbaid_ros.core.errors import ParameterError
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate
-from mbaid_ros.core.robot.kernel import MomentumKernel
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.momentum import body_sizes, is_physical, standard
+from mbaid_ros.core.robot.momentum import MomentumKernel, body_sizes, is_physical, standard
 from mbaid_ros.core.samples import SensorNoise
+from mbaid_ros.errors import ParameterError
 from mbaid_ros.session import methods
 from mbaid_ros.simulation.motion import Sinusoids, random_sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum

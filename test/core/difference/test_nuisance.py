@@ -7,19 +7,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from mbaid_ros.core.difference.errors_in_variables import Blocks
-from mbaid_ros.core.difference.window_rows import ConsiderParameters, window_rows
+from mbaid_ros.core.clocks import time_offset
+from mbaid_ros.core.contracts import NominalModel, Unknown
+from mbaid_ros.core.difference.likelihood import Blocks
+from mbaid_ros.core.difference.weighted import ConsiderParameters, window_rows
 from mbaid_ros.core.geometry import Array, cross, exp
-from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
-from mbaid_ros.core.robot.model_errors import KnownErrors
-from mbaid_ros.core.robot.momentum import physical, standard
+from mbaid_ros.core.joints.model import joint_placements
+from mbaid_ros.core.links import known_bodies
+from mbaid_ros.core.odometry.model import odometry_mount
+from mbaid_ros.core.robot.momentum import BodyStates, KnownErrors, MomentumKernel, physical, standard
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.unknowns.base import odometry_mount
-from mbaid_ros.core.unknowns.bodies import known_bodies
-from mbaid_ros.core.unknowns.declaration import NominalModel, Unknown
-from mbaid_ros.core.unknowns.joints import joint_placements
-from mbaid_ros.core.unknowns.priors import UnknownsPrior
-from mbaid_ros.core.unknowns.sensors import time_offset
+from mbaid_ros.core.state import UnknownsPrior
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, kernel, observe, windows
 

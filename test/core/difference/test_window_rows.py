@@ -11,12 +11,10 @@ from benchmarks.accuracy import estimates
 from benchmarks.data import Case, momentum_of, motion, observed
 from checked import central_difference
 from linear_problems import EQUATIONS, TRUE, UNKNOWNS, exact_blocks, noise_information, noisy_blocks, with_errors
-from mbaid_ros.core.difference import errors_in_variables as eiv
-from mbaid_ros.core.difference.errors_in_variables import NormalSums
-from mbaid_ros.core.difference.window_rows import window_rows
+from mbaid_ros.core.difference.likelihood import NormalSums, bias_compensated, maximum_likelihood, whitened
+from mbaid_ros.core.difference.weighted import window_rows
 from mbaid_ros.core.geometry import Array, exp, skew
-from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.sensors.rates import with_rates
+from mbaid_ros.core.samples import Samples, SensorNoise, with_rates
 from mbaid_ros.simulation.simulation import Truth, total_momentum
 from observed import MID, drifting, kernel, observe, windows
 
@@ -142,9 +140,7 @@ def test_rates_taken_from_positions_are_as_noisy_as_the_equations_say(spatial: T
         )
         noisy.append(window)
         untilted.append(replace(window, rate_tilt=np.ones_like(window.rate_tilt)))
-    tilted, plain = (
-        eiv.whitened(window_rows(servicer, each, MID, ORIGIN), x).cost / 1800.0 for each in (noisy, untilted)
-    )
+    tilted, plain = (whitened(window_rows(servicer, each, MID, ORIGIN), x).cost / 1800.0 for each in (noisy, untilted))
     # Chi-square of 1800: its mean is known to 3 %.
     assert tilted == pytest.approx(1.0, abs=0.12)
     assert plain > 1.15
@@ -166,17 +162,17 @@ def test_the_cost_is_that_of_the_normalised_residuals(seed: int) -> None:
         residual = blocks.rows[k] @ x + blocks.offset[k]
         spread = blocks.noise[k] + blocks.noise_rows[k] @ x
         expected += residual @ np.linalg.inv(spread @ spread.T) @ residual
-    assert eiv.whitened(blocks, x).cost == pytest.approx(expected, rel=1e-9)
-    assert eiv.maximum_likelihood(blocks, x).cost == pytest.approx(expected, rel=1e-9)
-    assert eiv.maximum_likelihood(blocks, x).equations == 7 * EQUATIONS
+    assert whitened(blocks, x).cost == pytest.approx(expected, rel=1e-9)
+    assert maximum_likelihood(blocks, x).cost == pytest.approx(expected, rel=1e-9)
+    assert maximum_likelihood(blocks, x).equations == 7 * EQUATIONS
 
 
 @pytest.mark.parametrize('seed', SEEDS)
 def test_the_gradient_is_half_the_derivative_of_the_cost(seed: int) -> None:
     blocks = noisy_blocks(20, seed, noise=0.3, row_noise=0.3)
     x = TRUE + 0.3 * np.random.default_rng(seed).normal(size=UNKNOWNS)
-    linear = eiv.maximum_likelihood(blocks, x)
-    expected = 0.5 * central_difference(lambda at: np.array(eiv.whitened(blocks, at).cost), x, 1e-6)
+    linear = maximum_likelihood(blocks, x)
+    expected = 0.5 * central_difference(lambda at: np.array(whitened(blocks, at).cost), x, 1e-6)
     assert linear.gradient == pytest.approx(expected, rel=1e-6, abs=1e-6 * float(np.abs(linear.gradient).max()))
     assert np.array_equal(linear.information, linear.information.T)
     assert np.linalg.eigvalsh(linear.information)[0] > 0.0
@@ -186,12 +182,12 @@ def test_what_noise_adds_to_the_information() -> None:
     """Over many draws the information at the truth is that of the exact coefficients and the noise's own."""
     exact = exact_blocks(6, 2, 0.5, 0.5)
     rng = np.random.default_rng(3)
-    draws = np.array([eiv.maximum_likelihood(with_errors(exact, rng), TRUE).information for _ in range(3000)])
-    excess = np.mean(draws, axis=0) - eiv.maximum_likelihood(exact, TRUE).information
+    draws = np.array([maximum_likelihood(with_errors(exact, rng), TRUE).information for _ in range(3000)])
+    excess = np.mean(draws, axis=0) - maximum_likelihood(exact, TRUE).information
     error = np.std(draws, axis=0) / np.sqrt(len(draws))
     assert (np.abs(excess - noise_information(exact, TRUE)) < 5.0 * error).all()
     # It is no small matter here.
-    assert np.trace(excess) > 0.3 * np.trace(eiv.maximum_likelihood(exact, TRUE).information)
+    assert np.trace(excess) > 0.3 * np.trace(maximum_likelihood(exact, TRUE).information)
 
 
 def test_noise_in_the_coefficients_biases_plain_least_squares_only() -> None:
@@ -207,7 +203,7 @@ def test_noise_in_the_coefficients_biases_plain_least_squares_only() -> None:
     assert solve(compensate=True)[1] < 18.0
     x = solve(compensate=True)[0]
     for _ in range(5):
-        linear = eiv.maximum_likelihood(blocks, x)
+        linear = maximum_likelihood(blocks, x)
         x = x - np.linalg.solve(linear.information, linear.gradient)
     own = linear.information - noise_information(blocks, x)
     assert normalised(x - TRUE, own) < 18.0
@@ -220,7 +216,7 @@ def test_the_compensated_form_is_right_on_average_wherever_its_weights_are_taken
     exact = exact_blocks(6, 10, 0.4, 0.3)
     rng = np.random.default_rng(11)
     far, spread = TRUE + np.array([3.0, -2.0, 1.0, 2.0]), 0.5 * np.eye(UNKNOWNS)
-    draws = [eiv.bias_compensated(with_errors(exact, rng), far, spread)[0] for _ in range(4000)]
+    draws = [bias_compensated(with_errors(exact, rng), far, spread)[0] for _ in range(4000)]
     information = np.array([draw.information for draw in draws])
     slope = np.array([draw.gradient + draw.information @ TRUE for draw in draws])
     costs = np.array([draw.cost + 2.0 * draw.gradient @ TRUE + TRUE @ draw.information @ TRUE for draw in draws])
@@ -248,7 +244,7 @@ NOTHING = 1e-12 * np.eye(UNKNOWNS)
 def test_noise_in_the_coefficients_does_not_bias_it(seed: int) -> None:
     blocks = noisy_blocks(4000, seed, 0.3, 0.3)
     found = NormalSums(blocks, TRUE).total_least_squares(NOTHING, NOWHERE)
-    linear = eiv.maximum_likelihood(blocks, TRUE)
+    linear = maximum_likelihood(blocks, TRUE)
     own = linear.information - noise_information(blocks, TRUE)
     # Chi-square of four unknowns: 18 is exceeded once in a thousand draws. Plain least squares is 500 and more off.
     assert float((found - TRUE) @ own @ (found - TRUE)) < 18.0

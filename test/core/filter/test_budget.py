@@ -9,22 +9,18 @@ import numpy as np
 import pytest
 
 from declarations import exact_but
-from mbaid_ros.config.parameters import build
-from mbaid_ros.config.simulator import SimulatorConfig
-from mbaid_ros.core.filter.conditional_root import ConditionalRoot
-from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation
-from mbaid_ros.core.filter.state import BODY, Declared, Layout
-from mbaid_ros.core.filter.variables import Variables, variables
+from mbaid_ros.config.simulator_parameters import SimulatorConfig
+from mbaid_ros.core.filter.gaussian import ConditionalRoot, SquareRootInformation
+from mbaid_ros.core.filter.posterior import MeanAndCovariance, error_budget
 from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.results.budget import SENSOR_NOISE
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.parameters import SENSOR_NOISE
-from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.kinematics import PlaneDetector
-from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.momentum import physical, physical_jacobian
+from mbaid_ros.core.robot.model import PlaneDetector, load_model
+from mbaid_ros.core.robot.momentum import MomentumKernel, physical, physical_jacobian
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.trajectory.solution import error_budget
-from mbaid_ros.core.unknowns.bodies import TargetPrior
+from mbaid_ros.core.state import BODY, Declared, Layout, Variables, variables
+from mbaid_ros.core.target import TargetPrior
+from mbaid_ros.parameters import build
 from mbaid_ros.simulated_robot import make_initial_state, make_motion
 from mbaid_ros.simulation.simulation import Simulation, Truth
 from mbaid_ros.simulation.true_robot import ErrorStds, draw, generator, true_robot

@@ -15,7 +15,7 @@ from checked import some
 from floating import DEFAULT, float_freely, follow, make, normalised, pushing, true_momentum
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth
 from observed import HIGH, LIMIT, MID, estimator, kernel, observe, true_body, windows

@@ -10,16 +10,14 @@ import pytest
 
 from checked import some
 from floating import make
-from mbaid_ros.core.filter.bank import HypothesisFilter
-from mbaid_ros.core.filter.batch import BatchIteration
+from mbaid_ros.core.contracts import UNDISTURBED, in_stacks
+from mbaid_ros.core.filter.hypotheses import BatchIteration, HypothesisFilter, MultiStart, Start
+from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.filter.run import FIRST, Phase, Run
-from mbaid_ros.core.filter.square_root import MeanAndCovariance
-from mbaid_ros.core.filter.start import MultiStart, Start
-from mbaid_ros.core.filter.state import BODY, BODY_PLACES, Point
-from mbaid_ros.core.filter.time_update import UNDISTURBED
-from mbaid_ros.core.filter.window import Window, in_stacks
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.state import BODY, BODY_PLACES, Point
 from mbaid_ros.core.tasks import AT_ONCE, Kind, Tasks, Work
+from mbaid_ros.core.windows import Window
 from mbaid_ros.simulation.simulation import Truth
 from observed import HIGH, MID, kernel, observe, windows
 

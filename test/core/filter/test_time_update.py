@@ -7,18 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mbaid_ros.core.filter.square_root import MeanAndCovariance, SquareRootInformation, update
-from mbaid_ros.core.filter.state import ANGULAR, LINEAR
-from mbaid_ros.core.filter.time_update import (
-    UNDISTURBED,
-    Hypothesis,
-    advance,
-    momentum_change,
-    momentum_inflation,
-    pose_reset,
-)
-from mbaid_ros.core.filter.whitened import Axes
+from mbaid_ros.core.contracts import UNDISTURBED, Axes, Hypothesis
+from mbaid_ros.core.filter.gaussian import SquareRootInformation, update
+from mbaid_ros.core.filter.posterior import MeanAndCovariance
+from mbaid_ros.core.filter.time_update import advance, momentum_change, momentum_inflation, pose_reset
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.state import ANGULAR, LINEAR
 from windowed import STATE, UNKNOWNS, covariance_of, prepare, variables, window
 
 

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from checked import central_difference
-from mbaid_ros.core.filter.knots import Knots, Midpoints, averages, bridged, midpoints
-from mbaid_ros.core.filter.state import Layout, near_part
-from mbaid_ros.core.filter.twist_prediction import Bodies, Prediction, gains_by_unknowns, joint_gains, predict
+from mbaid_ros.core.filter.linearise import predict
 from mbaid_ros.core.geometry import Array, cross, exp, log, skew
-from mbaid_ros.core.robot.kernel import MomentumKernel
+from mbaid_ros.core.joints.model import gains_by_unknowns, joint_gains
+from mbaid_ros.core.links import known_bodies
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.model_errors import KnownErrors
-from mbaid_ros.core.robot.momentum import about_points, standard, summed_over_bodies
+from mbaid_ros.core.robot.momentum import KnownErrors, MomentumKernel, about_points, standard, summed_over_bodies
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.unknowns.bodies import known_bodies, spin_inertias
+from mbaid_ros.core.state import Layout, near_part
+from mbaid_ros.core.wheels import spin_inertias
+from mbaid_ros.core.windows import Bodies, Knots, Midpoints, Prediction, averages, bridged, midpoints
 from random_robots import random_state, random_storage, random_urdf
 
 SEEDS = range(4)

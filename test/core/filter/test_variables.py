@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbaid_ros.core.filter.variables import _drawn_anew
+from mbaid_ros.core.state import _drawn_anew
 
 
 def test_numbers_drawn_anew_differ_by_twice_their_variance() -> None:

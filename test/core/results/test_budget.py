@@ -15,19 +15,18 @@ import pytest
 from checked import central_difference
 from documents import ROOT
 from made_runs import budget, estimate, planar, run
-from mbaid_ros.config.estimator import EstimatorConfig
-from mbaid_ros.config.parameters import build
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.geometry import Array, Flags, unvec
+from mbaid_ros.core.results.budget import PARAMETERS, SENSOR_NOISE, DeferredBudget, ErrorBudget, rounded
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.parameters import PARAMETERS, SENSOR_NOISE, DeferredBudget, ErrorBudget, rounded
-from mbaid_ros.core.results.physical_consistency import inertia_ratios
-from mbaid_ros.core.results.reporting import Curvature
+from mbaid_ros.core.results.identifiable import Curvature, inertia_ratios
 from mbaid_ros.core.robot.momentum import physical, physical_jacobian, physical_shift
 from mbaid_ros.core.robot.momentum import standard as standard_of
+from mbaid_ros.parameters import build
 from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.replay.one_bag import replay_bag
 from mbaid_ros.replay.output import as_json
 from mbaid_ros.replay.report.page import html
-from mbaid_ros.replay.run import replay_bag
 from mbaid_ros.replay.text import summary
 from simulated import robot
 

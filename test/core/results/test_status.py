@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.status import Distance, Evidence, Innovations, Verdict, judge, widening
+from mbaid_ros.core.results.verdict import Distance, Evidence, Innovations, Verdict, judge, widening
 
 ANGULAR, NUMBERS = 3, 15  # of pose and twist in space, and those of a gyro
 ALL = np.arange(NUMBERS)

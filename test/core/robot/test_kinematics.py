@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 
 from checked import some
-from mbaid_ros.core.difference.window_rows import subspace, window_rows
+from mbaid_ros.core.difference.weighted import subspace, window_rows
 from mbaid_ros.core.geometry import Array, exp, rotate, unvec
-from mbaid_ros.core.robot.kernel import MomentumKernel
-from mbaid_ros.core.robot.kinematics import Kinematics, PlaneDetector
-from mbaid_ros.core.robot.model import RobotModel, express, load_model
-from mbaid_ros.core.robot.momentum import inertia_matrix, momentum
-from mbaid_ros.core.robot.sensitivity import mobility_and_momentum
+from mbaid_ros.core.robot.model import Kinematics, PlaneDetector, RobotModel, express, load_model
+from mbaid_ros.core.robot.momentum import MomentumKernel, inertia_matrix, mobility_and_momentum, momentum
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, kernel, observe, windows

@@ -9,14 +9,13 @@ import numpy as np
 import pinocchio
 import pytest
 
-from mbaid_ros.core import geometry
-from mbaid_ros.core.errors import ModelError
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, vec
+from mbaid_ros.core.links import independent_errors
 from mbaid_ros.core.robot.model import RobotModel, displaced, load_model, parse
-from mbaid_ros.core.robot.model_errors import independent_errors, with_bodies
 from mbaid_ros.core.robot.momentum import are_physical, is_physical, standard
 from mbaid_ros.core.robot.urdf import Mimic, transmission
-from mbaid_ros.simulation.true_robot import ErrorStds, draw, generator
+from mbaid_ros.errors import ModelError
+from mbaid_ros.simulation.true_robot import ErrorStds, draw, generator, with_bodies
 from random_robots import random_inertial, random_urdf
 from simulated import CONFIG, drawn, robot
 
@@ -27,7 +26,7 @@ ROUNDING = 1e-12
 
 def standard_of(inertia: pinocchio.Inertia) -> Array:
     """Return (m, h, I_o) of pinocchio's inertia, which is about the centre of mass."""
-    return standard(np.concatenate(([inertia.mass], inertia.lever, geometry.vec(inertia.inertia))))
+    return standard(np.concatenate(([inertia.mass], inertia.lever, vec(inertia.inertia))))
 
 
 def random_tree(seed: int, joints: int = 8) -> RobotModel:

@@ -6,12 +6,9 @@ import numpy as np
 import pytest
 
 from checked import central_difference
-from mbaid_ros.core import geometry
-from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.robot.kernel import BodyStates, MomentumKernel
+from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.robot.model import express, load_model
-from mbaid_ros.core.robot.momentum import inertia_matrix, momentum, regressor
-from mbaid_ros.core.robot.sensitivity import sensitivity
+from mbaid_ros.core.robot.momentum import BodyStates, MomentumKernel, inertia_matrix, momentum, regressor, sensitivity
 from random_robots import Motion, Peer, random_state, random_storage, random_urdf
 
 SEEDS = range(8)
@@ -49,7 +46,7 @@ def test_the_inertia_matrix_times_the_twist_is_the_momentum() -> None:
 def test_the_regressor_times_the_parameters_is_the_momentum(seed: int) -> None:
     parameters, twist = random_bodies(seed)
     rng = np.random.default_rng(seed)
-    rotation, position = geometry.exp(rng.normal(size=(COUNT, 3))), 3.0 * rng.normal(size=(COUNT, 3))
+    rotation, position = exp(rng.normal(size=(COUNT, 3))), 3.0 * rng.normal(size=(COUNT, 3))
     found = (regressor(rotation, position, twist) @ parameters[..., None])[..., 0]
     expected = momentum(express(parameters, rotation, position), twist)
     assert (found - expected) / size_of(expected) == pytest.approx(np.zeros((COUNT, 6)), abs=1e-13)
@@ -114,7 +111,7 @@ class Measured:
     def states(self, error: Array) -> BodyStates:
         """Return the states at an error z of joints, joint rates, orientation, linear and angular velocity."""
         count = self.joints
-        rotation = geometry.exp(error[2 * count : 2 * count + 3]) @ self.rotation
+        rotation = exp(error[2 * count : 2 * count + 3]) @ self.rotation
         twist = self.twist + error[2 * count + 3 :]
         twist = np.concatenate((rotation @ twist[:3], rotation @ twist[3:]))
         return self.kernel.states_of(

@@ -7,11 +7,10 @@ import re
 import numpy as np
 import pytest
 
-from mbaid_ros.core.errors import MbaidError, ModelError
-from mbaid_ros.core.robot.model import load_model, parse
+from mbaid_ros.core.robot.model import load_model, parse, replace_inertial
 from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf import Inertial, read_description
-from mbaid_ros.core.robot.urdf_edit import replace_inertial
+from mbaid_ros.errors import MbaidError, ModelError
 from mbaid_ros.limits import LINKS, URDF_CHARACTERS
 from simulated import CONFIG
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.peers.recording import Answer, Known, Recording, read
 from mbaid_ros.core.geometry import Array, exp, log, rotate_back, skew
-from mbaid_ros.core.robot.model_errors import relative_factor
+from mbaid_ros.core.links import relative_factor
 from mbaid_ros.core.samples import SensorNoise
 
 NEEDS = 'sensor noise, a start (the URDF)'

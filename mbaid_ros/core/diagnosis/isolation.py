@@ -1,0 +1,507 @@
+"""Fault isolation: which cause explains the contradiction best, by likelihood."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+
+import numpy as np
+
+from mbaid_ros.core.contracts import Convention, ConventionFactory, Hypothesis, Unknown, deviation_text
+from mbaid_ros.core.diagnosis.passes import FITTED, SLIPPING, FilterPasses, Fit, attempted, fitted, point_as_described
+from mbaid_ros.core.filter.gaussian import SquareRootInformation
+from mbaid_ros.core.filter.hypotheses import LONGEST, HypothesisFilter, WhitenedWindows
+from mbaid_ros.core.filter.posterior import MeanAndCovariance
+from mbaid_ros.core.filter.run import Run
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.joints.faults import (
+    LARGE_SWING,
+    SMALL_SWING,
+    joint_noise_factor,
+    loose_joint_text,
+    stopped_readings,
+    swinging,
+)
+from mbaid_ros.core.odometry.faults import twist_check, vibration_frequencies
+from mbaid_ros.core.odometry.model import OF_TWIST, marker_text, vibration
+from mbaid_ros.core.passive.joints import swinging_text
+from mbaid_ros.core.results.estimate import PULSE
+from mbaid_ros.core.results.verdict import LARGEST_NIS, Cause, Innovations, Verdict
+from mbaid_ros.core.robot.model import PlaneDetector
+from mbaid_ros.core.samples import Samples, SensorNoise
+from mbaid_ros.core.state import BODY, Declared, Layout, Point
+from mbaid_ros.core.target import target_changed_text
+from mbaid_ros.core.tasks import AT_ONCE, Kind, Tasks, Work, outcome_or_none
+from mbaid_ros.core.windows import Window, without_twist
+
+# Log-likelihood, the odds of bank.MARGIN: a smaller gain is not reported, and a smaller lead is no lead.
+WORTH = 10.0
+_TOO_SMALL = 1.3  # times the declared noise, from which the declared one is wrong: declarations are no better
+# Share that counts of the gain of a cause without a mechanism: where both explain all, one with a mechanism leads.
+CATCH_ALL = 0.95
+# Of how many the gain is found by passes of their own, and of how many of one kind: three links or joints will do.
+_REFINED, _ALIKE = 5, 3
+_EVERY = 2  # one window in so many shows which convention is likely: for half of the work
+_TRIED = 4  # conventions
+_SPOILT = 2  # joints with spoilt readings: two that fail at once are rare, and each takes passes
+_MOST_PULSES = 2  # that can be the cause; more of them are the symptom of another one
+_BEFORE = 10  # windows before a change of the target: the body before has to be known
+_PARTS = 3  # of the first jumps, at which the target may have changed: later ones follow from the first
+_LEFT = 0.1  # of the misfit, that the likeliest cause leaves, for more to be looked for: less may be linearisation
+_LIGHTER = 1.5  # times its mass, that a link may look lighter by: noise may make it more than all
+FEWEST = 4  # windows that have to be left: fewer have hardly more numbers (six each) than body and momentum, sixteen
+_FIRST = 24  # windows before the first search: fewer do not discriminate causes
+_AFTER_A_JUMP = 1 + SLIPPING + FEWEST  # windows since a jump that may be a change of the target: enough to see it
+# Windows, at most, that a jump is left open while a search is under way: by then its result is there.
+_OPEN = 16
+_APART = 16  # minimum windows from one search to the next: fewer new ones add less than the noise
+# Windows of one search: a fault has seldom begun earlier, and work and memory stay bounded.
+_KEPT = 80
+_LATEST = 8  # windows whose samples show how noisy the sensors are: as noisy as they are now
+# A search over so many windows is due one window later: its work, up to some seconds, fits between their messages.
+_PACE = 5
+
+
+@dataclass(frozen=True)
+class Change:
+    """A target that has moved in the grasp, or was exchanged for another."""
+
+    time: float  # s since the first sample, start of the window in which it was noticed
+    exchanged: bool  # whether mass and momentum have changed as well
+
+
+@dataclass(frozen=True)
+class CandidateCause:
+    """One candidate cause."""
+
+    text: str  # in words
+    gain: float  # how much likelier that makes the data (log-likelihood)
+    physical: bool = True  # whether it has a mechanism; a random walk follows anything
+    change: Change | None = None  # what has become of the target, where that leaves nothing unexplained
+    of_twist: bool = False  # whether it is something wrong with the base's twist, which poses can do without
+
+
+@dataclass(frozen=True)
+class IsolationResult:
+    """The result of a search."""
+
+    causes: tuple[CandidateCause, ...]  # the likeliest first
+    innovations: Innovations  # of the pass without jumps
+
+    @property
+    def leading(self) -> CandidateCause | None:
+        """The cause with a mechanism, if nothing of another kind explains the data nearly as well."""
+        first = next((each for each in self.causes if each.physical), None)
+        if first is None:
+            return None
+        others = (each for each in self.causes if each is not first and not (each.of_twist and first.of_twist))
+        rivals = (each.gain + WORTH if each.physical else CATCH_ALL * each.gain for each in others)
+        return first if first.gain > max(rivals, default=0.0) else None
+
+
+def ranked(gains: Mapping[str, tuple[float, bool]], innovations: Innovations, joint_noise: float) -> tuple[Cause, ...]:
+    """Return the candidate causes, the likeliest first.
+
+    Parameters
+    ----------
+    gains : by text the gain of each, and whether it has a mechanism
+    innovations : of a pass in which nothing explains anything
+    joint_noise : how many times as noisy as declared the joints are by their samples
+    """
+    causes = [Cause(text, gain if physical else CATCH_ALL * gain) for text, (gain, physical) in gains.items()]
+    if joint_noise > _TOO_SMALL:
+        # The joints' noise is in every sensor's innovations. That of the base is estimated.
+        ratio = np.maximum(np.nan_to_num(innovations.ratio, nan=1.0), 1.0)
+        text = (
+            f'the noise values are too small: noise.joint_position {joint_noise:.1f} times; correct it, or set '
+            'noise.estimate'
+        )
+        causes.append(Cause(text, 0.5 * float(innovations.count @ (ratio - 1.0 - np.log(ratio)))))
+    return tuple(sorted(causes, key=lambda cause: -cause.gain))
+
+
+def candidate_cause(text: str, filtered: HypothesisFilter, base: SquareRootInformation) -> CandidateCause:
+    """Return the gain of a cause over a pass without it."""
+    return CandidateCause(text, filtered.gaussian.log_likelihood - base.log_likelihood)
+
+
+def likeliest_kinds(gains: Mapping[str, float]) -> list[str]:
+    """Return the causes that are worth a pass of their own, the likeliest first."""
+    found: list[str] = []
+    kinds: Counter[str] = Counter()
+    for cause in sorted(gains, key=lambda each: -gains[each]):
+        kind = cause.partition(':')[0]
+        kinds[kind] += 1
+        if kinds[kind] <= _ALIKE:
+            found.append(cause)
+    return found[:_REFINED]
+
+
+def explains(filtered: HypothesisFilter) -> bool:
+    """Return whether a pass leaves innovations of the size that the noise explains."""
+    return filtered.gaussian.nis < LARGEST_NIS * filtered.gaussian.measured
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """Something that may be wrong, as the filter would pass the windows if it were."""
+
+    # In words; or a function of the filter at the end, None of an impossible value.
+    text: str | Callable[[HypothesisFilter], str | None]
+    passes: FilterPasses  # with its unknowns
+    windows: Sequence[Window]  # as they are then
+    # Where windows are linearised first; None for the point of a fit, as data left out have misled the run.
+    point: Point | None = None
+    of_twist: bool = False  # whether it is something wrong with the base's twist
+    part: float = 1.0  # of the windows, that it has readings of: the others count as if explained as well
+
+
+@dataclass(frozen=True)
+class CandidateCauses:
+    """Scores the candidate causes of a run."""
+
+    layout: Layout  # of the run's state
+    plane: PlaneDetector  # whether the motion is planar
+    declared: Declared  # as of the run
+    hypotheses: tuple[Hypothesis, ...]  # that the run is followed under
+    # Beside those of the run, each so nearly exact that the run stays as it was. The likelihood gain of a wider prior
+    # follows from its estimate (`core/filter/posterior.py`).
+    suspects: tuple[Unknown, ...] = ()
+    conventions: tuple[ConventionFactory, ...] = ()  # that may be mistaken, in the order in which they are tried
+
+    def isolate(
+        self, windows: Sequence[Window], point: Point | None, jumps: Sequence[float] = (), wrong_twist: str = ''
+    ) -> Work[IsolationResult]:
+        """Return the candidates found.
+
+        Parameters
+        ----------
+        windows : in order
+        point : of the run's layout, at which they are linearised; None where it has come to none
+        jumps : s, when the momentum seemed to jump in the run
+        wrong_twist : how the twist contradicts the poses, in words; empty if it does not
+
+        Raises
+        ------
+        LinAlgError
+            There is no point of a robot that can be to pass the windows at, or none with other noise. It comes with the
+            bit of work that shows it.
+        """
+        wide, quiet = self.extended(*self._suspects), self.hypotheses[0]
+        fits = yield from self._fits(windows)
+        points = [fits[0].point(self.layout)] if point is None else [point, fits[0].point(self.layout)]
+        at, passed, base = yield from self._base(wide, windows, points)
+        found: list[CandidateCause] = []
+        candidates = chain(
+            self._unknowns(windows, at, wide.gains(base, self.layout.causes)),
+            self._conventions(windows, fits),
+            self._left_out(windows, wrong_twist),
+            self._vibrations(windows, at, wide.unpredicted(passed, base, quiet)),
+        )
+        for candidate in candidates:
+            found += yield from self._scored(candidate, base)
+        for hypothesis in self.hypotheses[1:]:
+            filtered = yield from wide.filtered(passed, hypothesis)
+            found.append(replace(candidate_cause(hypothesis.cause, filtered, base), physical=hypothesis.physical))
+        filtered = yield from wide.filtered(passed, quiet, LONGEST)
+        if explains(filtered) and 0 < len(filtered.jumps) <= _MOST_PULSES:
+            when = ', '.join(f'{jump.time:.1f}' for jump in filtered.jumps)
+            found.append(candidate_cause(f'{PULSE} at {when} s', filtered, base))
+        times = [time for time in jumps if time >= windows[0].start] or [jump.time for jump in filtered.jumps]
+        found += yield from self._target_changes(windows, point or at, times[:_PARTS], base)
+        # A loose joint explains anything that its encoder may hide: it comes after all causes with a mechanism.
+        left = base.misfit - max((each.gain for each in found if each.physical), default=0.0)
+        if left > max(WORTH, _LEFT * base.misfit):
+            found += yield from self._swinging(windows, at, base)
+        found.sort(key=lambda each: -each.gain)
+        return IsolationResult(tuple(each for each in found if each.gain > WORTH), base.innovations)
+
+    def _unknowns(
+        self, windows: Sequence[Window], at: Point, gains: Mapping[str, tuple[float, float]]
+    ) -> Iterator[Candidate]:
+        """Yield unknowns with a wider prior."""
+        for cause in likeliest_kinds({cause: value for cause, (value, _) in gains.items() if value > WORTH}):
+            suspected = (each.part(cause) for each in self._suspects if cause in each.causes)
+            passes = self.extended(*suspected).with_inflated_prior(cause, gains[cause][1])
+            yield Candidate(_text_of(passes, cause), passes, windows, at, of_twist=cause in OF_TWIST)
+
+    def _conventions(self, windows: Sequence[Window], fits: Sequence[Fit]) -> Iterator[Candidate]:
+        """Yield the conventions that fit best."""
+        likely = [fit for fit in fits[1:] if fit.exists and fit.misfit < fit.convention.misfit_left * fits[0].misfit]
+        likely.sort(key=lambda each: each.misfit)
+        delays = [fit for fit in likely if fit.convention.delay]  # one of them will do
+        for fit in [fit for fit in likely if fit not in delays[1:]][:_TRIED]:
+            other = replace(self.layout, kernel=fit.convention.kernel)
+            passes, read = replace(self, layout=other).extended(), fit.convention.windows(windows)
+            yield Candidate(fit.convention.text, passes, read, fit.point(other), part=len(read) / len(windows))
+
+    def _left_out(self, windows: Sequence[Window], wrong_twist: str) -> Iterator[Candidate]:
+        """Yield windows without a wrong twist, or without those in which a joint stands still."""
+        passes = self.extended()
+        if wrong_twist and any(np.isfinite(window.knots.base_twist).any() for window in windows):
+            yield Candidate(wrong_twist, passes, [without_twist(window) for window in windows], of_twist=True)
+        for text, others in stopped_readings(windows, self.layout.kernel.model.joint_names)[:_SPOILT]:
+            yield Candidate(text, passes, others)
+
+    def _vibrations(self, windows: Sequence[Window], at: Point, unpredicted: Array) -> Iterator[Candidate]:
+        """Yield swings of the base, by how each window's way is not as predicted, (W, p)."""
+        for frequency in vibration_frequencies(unpredicted, windows[0].length):
+            text = swinging_text(frequency, windows, self.layout.kernel.model.joint_names)
+            yield Candidate(text, self.extended(vibration(frequency)), windows, at)
+
+    def _scored(self, candidate: Candidate, base: SquareRootInformation) -> Work[list[CandidateCause]]:
+        """Return the gain of a candidate, or None if it has none."""
+        left_out, point = candidate.point is None, candidate.point
+        if len(candidate.windows) < FEWEST:
+            return []
+        if point is None:
+            point = point_as_described(self.layout, candidate.windows)
+            yield FITTED
+        filtered = yield from attempted(candidate.passes.refined(candidate.windows, point, self.hypotheses[0]))
+        if filtered is None:
+            return []
+        text = candidate.text if isinstance(candidate.text, str) else candidate.text(filtered)
+        if text is None:
+            return []
+        # Data left out count as if they were explained.
+        gain = (
+            base.misfit - filtered.gaussian.misfit / candidate.part
+            if left_out or candidate.part < 1.0
+            else filtered.gaussian.log_likelihood - base.log_likelihood
+        )
+        return [CandidateCause(text, gain, of_twist=candidate.of_twist)]
+
+    def _target_changes(
+        self, windows: Sequence[Window], point: Point, times: Sequence[float], base: SquareRootInformation
+    ) -> Work[list[CandidateCause]]:
+        """Return the gain of a target that has moved in the grasp, or was exchanged, at some time."""
+        found: list[CandidateCause] = []
+        passes = self.extended()
+        for time in times:
+            place = next(index for index, window in enumerate(windows) if window.start >= time)
+            later = windows[place + SLIPPING :]
+            if place < _BEFORE:
+                continue
+            # A change that explains the data needs no later one.
+            if len(later) < FEWEST or any(each.change for each in found):
+                break
+            # Another body may be far from the one before.
+            points = point, point_as_described(self.layout, later)
+            yield FITTED
+            for exchanged in (False, True):
+                filtered = yield from attempted(
+                    passes.target_changes(windows, place, points, self.hypotheses[0], exchanged=exchanged)
+                )
+                if filtered is not None:
+                    cause = candidate_cause(target_changed_text(time, exchanged=exchanged), filtered, base)
+                    found.append(replace(cause, change=Change(time, exchanged) if explains(filtered) else None))
+        return sorted(found, key=lambda each: -each.gain)[:1]
+
+    def _fits(self, windows: Sequence[Window]) -> Work[list[Fit]]:
+        """Return the fits of windows under the conventions that are possible, the declared ones first."""
+        found, kernel = [], self.layout.kernel
+        others = (convention for mistaken in self.conventions for convention in mistaken(kernel))
+        for convention in (Convention('', kernel), *others):
+            if convention.possible(windows):
+                found.append(fitted(windows, convention, _EVERY))
+                yield FITTED // _EVERY
+        return found
+
+    def _base(
+        self, wide: FilterPasses, windows: Sequence[Window], points: Sequence[Point]
+    ) -> Work[tuple[Point, WhitenedWindows, SquareRootInformation]]:
+        """Return the point that explains windows best if nothing is wrong, and the pass there."""
+        results: list[tuple[Point, WhitenedWindows, SquareRootInformation]] = []
+        for point in points:
+            # Where a robot is badly misdescribed, what fits best may be none that can be.
+            passed = yield from attempted(wide.linearised(windows, point))
+            if passed is not None:
+                filtered = yield from wide.filtered(passed, self.hypotheses[0])
+                results.append((point, passed, filtered.gaussian))
+        if not results:
+            raise np.linalg.LinAlgError('there is no point to pass the windows at')
+        return max(results, key=lambda each: each[2].log_likelihood)
+
+    def _swinging(
+        self, windows: Sequence[Window], point: Point, base: SquareRootInformation
+    ) -> Work[list[CandidateCause]]:
+        """Return the gain of a joint whose far side swings against its encoder; of the likeliest one."""
+        names = self.layout.kernel.model.joint_names
+        first, *others = LARGE_SWING if base.nis > LARGEST_NIS * base.measured else SMALL_SWING
+        filters: dict[tuple[int, float], HypothesisFilter] = {}
+
+        def tried(joint: int, times: float) -> Work[None]:
+            noisier = swinging(windows, joint, times, len(names))
+            filters[joint, times] = yield from self.extended().filtered_once(noisier, point, self.hypotheses[0])
+
+        def best() -> tuple[int, float]:
+            return max(filters, key=lambda each: filters[each].gaussian.log_likelihood)
+
+        for joint in range(len(names)):
+            yield from tried(joint, first)
+        likeliest, _ = best()
+        if filters[best()].gaussian.log_likelihood > base.log_likelihood:
+            for times in others:
+                yield from tried(likeliest, times)
+        _, times = best()
+        if not explains(filters[best()]):
+            return []  # something else pushes the base, too; and what it explains it has no name for
+        text = loose_joint_text(names[likeliest], windows, times)
+        return [replace(candidate_cause(text, filters[best()], base), physical=False)]
+
+    @property
+    def _suspects(self) -> tuple[Unknown, ...]:
+        return tuple(each for each in self.suspects if not set(each.causes) & set(self.layout.causes))
+
+    def extended(self, *more: Unknown) -> FilterPasses:
+        """Return passes with more unknowns."""
+        return FilterPasses(self.layout.extended(more), self.plane, self.declared)
+
+
+def _text_of(passes: FilterPasses, cause: str) -> Callable[[HypothesisFilter], str | None]:
+    """Return the value that an unknown would need; None for a link that would lose far more than its mass."""
+    kind, _, name = cause.partition(':')
+
+    def text(filtered: HypothesisFilter) -> str | None:
+        value, kernel = passes.value(filtered, cause), passes.layout.kernel
+        if kind == 'link' and value[0] <= -_LIGHTER * kernel.known[kernel.model.link(name).body, 0]:
+            return None
+        declared = f', or set {marker_text(value, passes.declared.marker)}' if kind == 'mount' else ''
+        return deviation_text(cause, value) + declared
+
+    return text
+
+
+class FaultIsolation:
+    """Searches repeatedly for the causes of a contradiction, over the latest windows of a run.
+
+    Attributes
+    ----------
+    suspicious : whether the run was, when it was last followed
+
+    Parameters
+    ----------
+    candidates : the candidate causes
+    noise : as declared
+    tasks : run its searches; that of a run before it is given up
+    """
+
+    def __init__(self, candidates: CandidateCauses, noise: SensorNoise, tasks: Tasks) -> None:
+        self._candidates = candidates
+        self._noise = noise
+        self._samples: deque[Samples] = deque(maxlen=_LATEST)
+        self._twist = twist_check()
+        self._windows: deque[Window] = deque(maxlen=_KEPT)
+        self._seen = 0
+        self._onset, self._next = 0, _FIRST  # windows until the run was suspicious, and until the next search
+        self.suspicious = False
+        self._tasks = tasks
+        tasks.cancel(Kind.CAUSES)
+        self._due: int | None = None  # number of windows at which the result of a search is
+        self._found: IsolationResult | None = None
+        self._over = False  # whether the contradiction has ended since
+        self._about: tuple[float, ...] = ()  # s, of the jumps that the latest search was begun for
+
+    def add_window(self, window: Window | None, samples: Samples) -> None:
+        """Add the next window for the following searches, and the samples of the one after it."""
+        self._samples.append(samples)
+        if self.suspicious or self._seen < _FIRST:  # only a search needs it
+            self._twist.add(samples)
+        if window is not None:
+            self._windows.append(window)
+            self._seen += 1
+            if self._seen == self._due:
+                self._tasks.require(Kind.CAUSES)
+
+    def begin_if_due(self, run: Run, *, suspicious: bool) -> None:
+        """Begin a search for the causes in a suspicious run, if one is due."""
+        self.suspicious = suspicious
+        if not suspicious:
+            self._over = True
+            self._onset, self._next = self._seen, max(_FIRST, self._seen)
+        early = run.has_state and bool(run.unconfirmed_jumps) and self._seen < self._onset + _AFTER_A_JUMP
+        # A walk that leads has taken the jump up: it is there all the same.
+        walks = run.has_state and not run.best.hypothesis.physical
+        early = early or (walks and self._since_a_jump(run) < _AFTER_A_JUMP)
+        if self._due is None and suspicious and self._seen >= self._next and not early:
+            self._next = self._seen + max(_APART, self._seen - self._onset)  # when twice as much contradicts it
+            point = run.point if run.has_state else None
+            since = self._windows[max(self._onset - self._seen, -len(self._windows))].start
+            self._about = tuple(time for time in run.jump_times if time >= since)
+            wrong_twist = self._twist.reason()
+            text = wrong_twist.text if wrong_twist else ''
+            isolated = self._candidates.isolate(list(self._windows), point, run.jump_times, text)
+            # The point may be of no robot that can be: a later one may be.
+            work, size = outcome_or_none(isolated, np.linalg.LinAlgError), self._candidates.layout.size
+            self._tasks.begin(Kind.CAUSES, work, self._accept, size=size, steps=AT_ONCE, due=False)
+            self._due = self._seen + -(-len(self._windows) // _PACE)
+
+    def _accept(self, found: IsolationResult | None) -> None:
+        """Accept the result of a search."""
+        self._due = None
+        # The cause of a contradiction may have died down: it is not in the latest windows any more.
+        if found is not None and (found.causes or self._over or self._found is None):
+            self._found, self._over = found, False
+
+    def open_jumps(self, run: Run) -> tuple[float, ...]:
+        """Return when the momentum of a run seems to have jumped, s, where a search for the cause is under way.
+
+        A leading constant force explains changes that are jumps without it.
+        """
+        if self._due is None:
+            return ()
+        latest = self._windows[-1]
+        since = latest.start - _OPEN * latest.length
+        left = {jump.time for jump in run.best.jumps} if run.best.hypothesis.physical else set(run.jump_times)
+        return tuple(time for time in run.jump_times if time in self._about and time > since and time in left)
+
+    def _since_a_jump(self, run: Run) -> float:
+        """Return how many windows there have been since the first jump, if nothing drifts; infinitely many without."""
+        if not run.jump_times or not self._windows:
+            return np.inf
+        return (self._windows[-1].start - run.jump_times[0]) / self._windows[-1].length
+
+    @property
+    def _leading(self) -> CandidateCause | None:
+        return None if self._found is None else self._found.leading
+
+    @property
+    def change(self) -> Change | None:
+        """The change of the target, if the latest search found it as the cause."""
+        return self._leading.change if self._leading else None
+
+    @property
+    def wrong_twist(self) -> str:
+        """The error of the base's twist, if the latest search found it as the cause; else empty."""
+        return self._leading.text if self._leading and self._leading.of_twist else ''
+
+    def windows_since(self, time: float) -> list[Window]:
+        """Return the windows that begin at a time, s, or later."""
+        return [window for window in self._windows if window.start >= time]
+
+    def causes(self, run: Run) -> tuple[Cause, ...]:
+        """Return the causes found by the latest search, the likeliest first; none before one."""
+        found = self._found
+        if found is None:
+            return ()
+        gains = {cause.text: (cause.gain, cause.physical) for cause in found.causes}
+        leading = run.best.hypothesis if run.has_state else None
+        if leading is not None and leading.disturbed:  # the run may have more windows by now
+            # Over all of the run, not its latest windows alone: a hypothesis that fits anything gains nothing then.
+            least = min((cause.gain for cause in found.causes), default=run.log_likelihood_ratio)
+            lead = run.log_likelihood_ratio if leading.physical else min(run.log_likelihood_ratio, least)
+            gains.setdefault(leading.cause, (lead, leading.physical))
+        latest = self._noise.for_window(self._samples[-1])
+        return ranked(gains, found.innovations, joint_noise_factor(self._samples, latest.joint_position))
+
+
+def with_findings(judgement: Verdict, distribution: MeanAndCovariance, layout: Layout) -> Verdict:
+    """Return a verdict on a run with each unknown's estimate that contradicts the model by itself as a cause."""
+    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+        own = slice(place.start - BODY.stop, place.stop - BODY.stop)
+        found = unknown.finding(distribution.mean[place], distribution.unknowns_covariance[own, own])
+        if found is not None:
+            judgement = replace(judgement.with_cause(Cause(found.text, found.gain or 0.0)), adequate=False)
+    return judgement

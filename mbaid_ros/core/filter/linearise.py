@@ -1,0 +1,617 @@
+"""The state at a window's first knot, and the point that windows are linearised at.
+
+State: pose error xi (6), total momentum P, L (6), target body phi (10), then the unknowns of the nominal model in units
+of their priors: first those that the prediction depends on, then those of the readings alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mbaid_ros.core.contracts import Axes, Reading, Stack, stacked
+from mbaid_ros.core.geometry import Array, Integers, composed, cross, exp, skew
+from mbaid_ros.core.gyro import gyro_covariance, turning_imu
+from mbaid_ros.core.joints.model import JointNoise, by_deflections, errors_in_variables_bias, joint_noise
+from mbaid_ros.core.odometry.model import (
+    IntegratedTwist,
+    Measurement,
+    TwistLink,
+    at_knots,
+    integral_weights,
+    integrated_twist,
+    integrated_twist_rows,
+    mean_over_knots,
+    parabolic_weights,
+    pose_measurement,
+    state_rows,
+    telescoped,
+    total,
+    twist_covariance,
+    twist_measurement,
+)
+from mbaid_ros.core.passive.swing import (
+    BESIDE,
+    Motions,
+    PassiveColumns,
+    PassiveInertias,
+    PassiveMotion,
+    SwingCourse,
+    passive_columns,
+    spring_constants,
+)
+from mbaid_ros.core.robot.model import express
+from mbaid_ros.core.robot.momentum import (
+    THRUSTER_ERRORS,
+    BodyStates,
+    MomentumKernel,
+    about_points,
+    in_plane,
+    link_columns,
+    mobility_and_joint_momentum,
+    summed_over_bodies,
+)
+from mbaid_ros.core.samples import ArrayRecord
+from mbaid_ros.core.state import BODY, MOMENTUM, POSE, Layout, Point, Variables
+from mbaid_ros.core.windows import ANGULAR_FIRST, Bodies, Midpoints, Prediction, Window, gradient
+
+_IDENTITY = np.eye(6)
+_ACTING: tuple[Axes, ...] = ('inertial', 'inertial on the base', 'body')
+LINEARISED = 5  # work of linearising a window, in steps of the filter
+TOGETHER = 8  # windows linearised at once: singly a replay takes a sixth longer, by 32 no less
+
+
+def total_momentum(middle: Midpoints, point: Point, known: Array, impulses: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return the total (P, L_b) at N instants, (N, 3) each: that of the point, thrust and orbit included.
+
+    Parameters
+    ----------
+    middle, point : Midpoints, Point
+    known : (n + 1, 10) standard parameters of all bodies
+    impulses : columns of tide and of thrusters that deviate from their commands
+    """
+    parameters, (tide, thrust) = point.parameters, impulses
+    linear, angular = parameters[:3] + middle.impulse[:, :3], parameters[3:6] + middle.impulse[:, 3:]
+    about_base = angular - cross(middle.base_position, linear)
+    parts = [(tide, known)] if tide.shape[1] else []
+    if thrust.shape[1] and point.side.thrust.any():
+        parts.append((thrust, point.side.thrust.reshape(-1, THRUSTER_ERRORS)))
+    for columns, numbers in parts:
+        more = summed_over_bodies(columns, numbers)
+        linear, about_base = linear + more[:, :3], about_base + more[:, 3:]
+    return linear, about_base
+
+
+def predict(layout: Layout, middle: Midpoints, point: Point, along: Array | None = None) -> tuple[Prediction, Bodies]:
+    """Return the twist that conservation predicts at midpoints, and the bodies of a robot that moves so.
+
+    Parameters
+    ----------
+    layout : of the state
+    middle : Midpoints of N intervals, as the point's nominal model corrects them
+    point : its momentum is that before any known thrust or orbit, L about the run's origin
+    along : (N, f) s of passive joints, whose rates follow and are zero in `middle`; None without any
+    """
+    parameters, kernel = point.parameters, point.side.kernel
+    target, kinematics = kernel.target, kernel.kinematics
+    known = kernel.body_parameters(parameters[6:16])
+    placed = kinematics.configure(middle.base_rotation, middle.joint_position)
+    body_twist = kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
+    expressed = express(known, placed.rotation, placed.position)
+    mobility, moving = mobility_and_joint_momentum(kernel, middle.stored, expressed, placed, body_twist)
+    if layout.plane is not None:
+        mobility = in_plane(mobility, layout.plane)
+    tide = about_points(middle.tide, middle.base_position)
+    thrust = about_points(middle.thrust, middle.base_position, THRUSTER_ERRORS)
+    linear, about_base = total_momentum(middle, point, known, (tide, thrust))
+    total = np.concatenate((linear, about_base), axis=1) - moving
+    motion: PassiveMotion | None = None
+    if along is None:
+        twist: Array = (mobility @ total[..., None])[..., 0]
+        body_twist += twist[:, None]
+    else:
+        joints = list(kernel.springs.joints)
+        deflection = middle.joint_position[:, joints] - point.side.zeros[joints]
+        inertias = PassiveInertias.from_bodies(kernel, expressed, placed, mobility)
+        state, constants = (deflection, along), spring_constants(kernel, known)
+        motion = PassiveMotion.from_state(kernel, inertias, expressed, (body_twist, total), state, constants)
+        twist, body_twist = motion.twist, motion.body_twist
+    states = BodyStates(
+        placed,
+        body_twist,
+        expressed,
+        *placed.link_pose(target),
+        body_twist[:, target.body],
+        kernel.storage,
+        middle.stored,
+        tide,
+        thrust,
+    )
+    right = _right_hand_sides(layout, kernel, states, middle.base_position, (linear, about_base))
+    passive: PassiveColumns | None = None
+    if motion is None:
+        solved: Array = mobility @ right
+    else:
+        solved, passive = passive_columns(layout, point, states, motion, right, deflection)
+        mobility = motion.inertias.free_mobility
+    return Prediction(twist, solved[..., :-6], solved[..., -6:]), Bodies(known, mobility, states, passive)
+
+
+def _right_hand_sides(
+    layout: Layout, kernel: MomentumKernel, states: BodyStates, position: Array, total: tuple[Array, Array]
+) -> Array:
+    """Return minus the change of the momentum at fixed twists, (N, 6, u + 6), by parameters and the base's pose error.
+
+    `position` (N, 3) of the base, `total` (P, L_b), (N, 3) each.
+    """
+    linear, about_base = total
+    # M V + b = h_b, so M dV = dh - (dM V + db): the latter is the change of the predicted motion's momentum.
+    count = 16 + sum(each.count for each in layout.predicted)
+    right = np.zeros((len(position), 6, count + 6))
+    right[..., :6] = np.eye(6)
+    right[:, 3:, :3] = -skew(position)
+    right[..., 6:16] = -states.regressor
+    if states.tide.shape[1]:
+        right[..., 6:16] += link_columns(states.tide, kernel.target)
+    column = 16
+    for unknown in layout.predicted:
+        columns = unknown.momentum_columns(kernel, states)
+        if columns is not None:
+            right[..., column : column + unknown.count] = -columns @ unknown.factor
+        column += unknown.count
+    # A turn theta of the base turns M and b, and the momentum stays: M^-1 (P x theta, L_b x theta + P x rho).
+    turned = skew(linear)
+    right[:, :3, count : count + 3] = turned
+    right[:, 3:, count : count + 3] = skew(about_base)
+    right[:, 3:, count + 3 :] = turned
+    return right
+
+
+def readings(
+    layout: Layout,
+    stack: Stack,
+    predicted: Prediction,
+    motion: tuple[Midpoints, slice],
+    slope: Array,
+    weights: Array | None = None,
+) -> tuple[Array, Array]:
+    """Return the derivatives of mean poses (B, 6, r) and rates (B, 6 or 9, r) by the unknowns of the readings.
+
+    Weights (m,) of the twists are those of `twist_measurement`.
+    """
+    around, inside = motion
+    weights = parabolic_weights(inside.stop - inside.start) if weights is None else weights
+    windows, weight = predicted.twist.shape[1], weights[:, None, None]
+    twist = at_knots(predicted.twist, inside)
+    change = stack.whitening
+    inner = predicted.twist[inside]
+    # A chain that is tau late has xi = -tau (w, v): F times that remains, and the joints' own delay.
+    linear = slope[..., :3] - cross(inner[..., 3:], inner[..., :3])
+    rotation, axes = at_knots(around.base_rotation, inside), around.base_rotation[inside]
+    reading = Reading(
+        twist=mean_over_knots(twist, change)[..., ANGULAR_FIRST],
+        slope=total(weight * np.concatenate((slope[..., 3:], linear), axis=-1)),
+        rotation=mean_over_knots(rotation, change[..., None]),
+        turning=total(weight[..., None] * (skew(inner[..., 3:]) @ axes)),
+        sliding=total(weight[..., None] * (skew(inner[..., :3]) @ axes)),
+        time=stack.middles,
+        position=mean_over_knots(at_knots(around.base_position, inside), change),
+        axes=total(weight[..., None] * axes),
+        origin=stack.windows[0].origin,
+    )
+    gyro = around.gyro.shape[-1] > 0
+    if gyro:
+        reading = replace(reading, imu=turning_imu(motion, inner, reading, slope, stack.windows[0].spacing))
+    poses: list[Array] = [np.zeros((windows, 6, 0))]
+    rates: list[Array] = [np.zeros((windows, 9 if gyro else 6, 0))]
+    for unknown in layout.read:
+        nothing = np.zeros((windows, 6, len(unknown.factor)))
+        pose, turned = unknown.reading(reading) or (nothing, nothing)
+        if gyro:
+            of_gyro = unknown.gyro_reading(reading)
+            turned = np.concatenate((turned, nothing[:, :3] if of_gyro is None else of_gyro), axis=1)
+        poses.append(pose @ unknown.factor)
+        rates.append(turned @ unknown.factor)
+    return np.concatenate(poses, axis=-1), np.concatenate(rates, axis=-1)
+
+
+@dataclass(frozen=True)
+class WindowModel(ArrayRecord):
+    """Windows, linear in the state x at their first knots: measurements, and the transition to the next window.
+
+    All arrays have a first axis of the windows, which the shapes below leave out.
+    """
+
+    pose: Measurement  # (6,), mean over the knots
+    twist: Measurement  # (6,); with an IMU its angular velocity after it, (9,)
+    # transition, drift: (6, s), (6,): pose error at the next window's first knot = transition x + drift
+    transition: Array
+    drift: Array
+    noise: JointNoise  # of the joints; the part in the pose as it is measured
+    joints_of_gyro: Array  # (3, n) that a gyro on a link has beside it
+    joints_in_twist: Array  # () its variance in the twist over that in the pose
+    length: Array  # () s
+    # rotation, position: (3, 3), (3,) m, of the base at the window's end
+    rotation: Array
+    position: Array
+    centre: Array  # (3,) m, the common centre of mass there
+    momentum_change: Array  # (6, s) change of (P, L) until the next window by the unknowns
+    body: Array  # (10,) standard parameters of the target at the linearisation point
+    integrated: IntegratedTwist  # it takes the place of the twist where it counts
+
+
+def window_models(
+    layout: Layout, stacks: Sequence[Stack], point: Point, course: SwingCourse | None = None
+) -> WindowModel:
+    """Return windows linearised at one point, in their order before they were stacked.
+
+    Below, arrays have a window's m intervals (or m + 1 knots) first, and the B windows of a stack second.
+
+    Parameters
+    ----------
+    layout, stacks : of the state; of windows of one shape each
+    point : windows of one chain share its readings, which correct the motion
+    course : of passive joints in the windows before; None where there are none of either
+    """
+    swinging = point.side.kernel.springs.count > 0
+    motions: Motions = [stack.motion(point.side, layout.imu, BESIDE if swinging else 1) for stack in stacks]
+    swing: Array | None = None
+    if swinging:
+        course = course or SwingCourse(layout, predict)
+        motions, prediction, bodies, swing = course.predict(stacks, motions, point)
+    else:
+        prediction, bodies = predict(layout, Midpoints.concatenate([motion.flat for motion, _ in motions]), point)
+    for unknown, place in layout.of_joints:
+        every = Midpoints.concatenate([motion.flat for motion, _ in motions])
+        prediction.by_parameters[..., place] += by_deflections(unknown, point.side.kernel, every, bodies)
+    predictions = prediction.divided([motion.turn.shape[:2] for motion, _ in motions])
+    noises = joint_noise(
+        layout, point.side.kernel, stacks, [inside for _, inside in motions], predictions, bodies, swing=swing
+    )
+    models, begin = [], 0
+    for stack, motion, prediction, noise in zip(stacks, motions, predictions, noises, strict=True):
+        around, inside = motion
+        rows, windows = around.turn.shape[:2]
+        last = begin + (inside.stop - 1) * windows + np.arange(windows)
+        begin += rows * windows
+        impulses = _momentum_change(layout, stack, bodies[last], around.base_position[inside.stop - 1])
+        models.append(_models(layout, stack, motion, prediction, point, (noise, impulses)))
+    if len(stacks) == 1:
+        return models[0]
+    return WindowModel.concatenate(models)[np.argsort(np.concatenate([stack.places for stack in stacks]))]
+
+
+def _models(
+    layout: Layout,
+    stack: Stack,
+    motion: tuple[Midpoints, slice],
+    predicted: Prediction,
+    point: Point,
+    effects: tuple[JointNoise, tuple[Array, Array]],
+) -> WindowModel:
+    """Return a stack's windows from its motion, the prediction, the joints' noise and the impulses."""
+    noise, (impulses, centre) = effects
+    around, inside = motion
+    parameters, spacing = point.parameters, stack.windows[0].spacing
+    around_slope = gradient(predicted.twist) / spacing
+    integral = _integral(predicted.twist, around_slope, spacing)[inside]
+    middle, prediction, slope = around[inside], predicted[inside], around_slope[inside]
+    errors = composed(*_chain_steps(prediction, integral, middle, spacing))
+    # Absolute parameters instead of deviations from the point: their part moves to the constant.
+    errors[..., -1] -= errors[..., 6:-1] @ parameters
+    of_joints = noise.pose @ np.swapaxes(noise.pose, -1, -2)
+    change = stack.whitening
+    # The integrated twist has no Gauss-Markov joint errors.
+    integrated = stack.integrates_twist & (layout.time_constants.size == 0)
+    # The change of the pose has the joints' errors of two knots, independent of the others.
+    ends = np.where(integrated[:, None], 1.0, 1.0 - 2.0 * change + 2.0 * len(middle) * change**2)[..., None]
+    in_gyro = np.zeros((len(of_joints), 3, noise.pose.shape[-1]))
+    if middle.gyro_gain.shape[-1]:
+        in_gyro = np.sqrt(stack.joint_variance / stack.samples) * middle.gyro_gain[len(middle) // 2]
+    pose, twist = readings(layout, stack, predicted, motion, slope)
+    whole = IntegratedTwist.none(len(stack.windows), layout.size)
+    if integrated.any():
+        each = integral_weights(len(middle))
+        rates = [readings(layout, stack, predicted, motion, slope, weights)[1] for weights in each]
+        whole = integrated_twist(stack, prediction, middle, errors, point, by_readings=rates, stored=noise.stored)
+        whole = replace(whole, replaces_twist=integrated)
+    of_gyro = gyro_covariance(stack, len(middle)) if middle.gyro.shape[-1] else None
+    return WindowModel(
+        Measurement(
+            *pose_measurement(errors, change, pose, point.readings),
+            stack.pose_covariance / stack.samples + ends * of_joints,
+        ),
+        Measurement(
+            *twist_measurement(errors, prediction, middle, point, twist),
+            twist_covariance(stack, middle, (noise.pose, in_gyro), noise.stored, of_gyro),
+        ),
+        transition=state_rows(errors[-1], np.zeros_like(pose)),
+        drift=errors[-1][..., -1],
+        noise=replace(noise, pose=np.sqrt(ends) * noise.pose, by_unknowns=np.sqrt(ends)[..., None] * noise.by_unknowns),
+        joints_of_gyro=np.sqrt(ends) * in_gyro,
+        joints_in_twist=telescoped(len(middle), spacing) / ends[:, 0, 0],
+        length=np.full(len(stack.windows), len(middle) * spacing),
+        rotation=exp(0.5 * middle.turn[-1]) @ middle.base_rotation[-1],
+        position=middle.base_position[-1] + 0.5 * middle.step[-1],
+        centre=centre,
+        momentum_change=impulses,
+        body=np.tile(point.body, (len(stack.windows), 1)),
+        integrated=whole,
+    )
+
+
+def _momentum_change(layout: Layout, stack: Stack, bodies: Bodies, position: Array) -> tuple[Array, Array]:
+    """Return the (B, 6, s) change of the momentum until the next window by the unknowns, and the centre of mass, m.
+
+    Parameters
+    ----------
+    layout, stack : of the state, of B windows
+    bodies, position : near the end of each; (B, 3) m, of the base then
+    """
+    impulses = np.zeros((len(position), 6, layout.size))
+    placed, length = bodies.states.configuration, stack.windows[0].length
+    system = np.sum(express(bodies.parameters, placed.rotation, position[:, None] + placed.position), axis=1)
+    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+        if unknown.changes_momentum:
+            ends = stack.middles + 0.5 * length
+            rates = unknown.momentum_rates(system, stack.windows[0].origin, ends, placed.rotation[:, 0])
+            impulses[..., place] = length * rates @ unknown.factor
+    return impulses, system[:, 1:4] / system[:, :1]
+
+
+def _integral(twist: Array, slope: Array, spacing: float) -> Array:
+    """Return the (m, B, 6) integrals of (v, w) over each interval, fourth order, the rotation's commutator included."""
+    change = twist[1:] - twist[:-1]
+    bend = np.zeros_like(twist)
+    bend[1:-1] = change[1:] - change[:-1]
+    bend[0], bend[-1] = bend[1], bend[-2]
+    integral = spacing * (twist + bend / 24.0)
+    integral[..., 3:] += spacing**3 / 12.0 * cross(slope[..., 3:], twist[..., 3:])
+    return integral
+
+
+def _chain_steps(prediction: Prediction, integral: Array, middle: Midpoints, spacing: float) -> tuple[Array, Array]:
+    """Return, for each interval, the (6, 6) transition of xi and the (6, u + 1) gain of parameters and of 1."""
+    gain = np.empty((*middle.turn.shape[:-1], 6, prediction.by_parameters.shape[-1] + 1))
+    gain[..., :-1] = spacing * prediction.by_parameters[..., ANGULAR_FIRST, :]
+    gain[..., :3, -1] = integral[..., 3:] - middle.turn
+    gain[..., 3:, -1] = integral[..., :3] - middle.step
+    # xi acts at mid-interval, the mean of both ends: (1 - D F~ / 2) xi' = (1 + D F~ / 2) xi + gain
+    back = np.linalg.inv(_IDENTITY - 0.5 * spacing * prediction.error_slope)
+    return 2.0 * back - _IDENTITY, back @ gain
+
+
+@dataclass(frozen=True)
+class WhitenedWindow:
+    """A window in the filter's variables, measurements in units of their noise."""
+
+    # value, rows: (k,), (k, v): value = rows variables + white noise of variance 1
+    value: Array
+    rows: Array
+    log_noise: float  # logarithm of the determinant of the noise's covariance
+    # transition, drift, process: (p, v), (p,), (p, n): to the p pose errors, the first variables, at the next window's
+    # first knot; the last is a factor of the joint noise that accumulates until then
+    transition: Array
+    drift: Array
+    process: Array
+    inverse_transition: Array  # (2 p, 2 p) inverse of the transition of pose error and momentum
+    shared: Array  # (v,) mean score by noise that rows and value share
+    bias_information: Array  # (b, b + 1) information M of the body by noise in the rows, and M times the body
+    pose_error_by_momentum: Array  # (6, 6) derivative of the next pose error by the momentum, SI units
+    momentum_change: Array  # (p, v) change of the momentum until the next window by the variables
+    momentum_by_force: Array  # (3, p, f) change of the momentum by a constant force and torque, acting as in `_ACTING`
+    by_process_steps: Array  # (p, f) as of `JointNoise`
+    process_variance: Array  # (f,) the same
+    length: float  # s
+    places: Integers  # (k,) of the values among the numbers that a window may measure, as of `Innovations`
+    twist_link: TwistLink | None = None  # for an integrated twist, the links to the windows before and after
+
+    def with_known(self, values: Array) -> WhitenedWindow:
+        """Return the window where some variables are known exactly: their values (v,), NaN for the others."""
+        known = np.isfinite(values)
+        at = np.where(known, values, 0.0)
+        return replace(
+            self,
+            value=self.value - self.rows @ at,
+            rows=self.rows * ~known,
+            drift=self.drift + self.transition @ at,
+            transition=self.transition * ~known,
+        )
+
+    def force_impulse(self, axes: Axes) -> Array:
+        """Return the change of the momentum by a constant force and torque in these axes, (p, f)."""
+        return self.momentum_by_force[_ACTING.index(axes)]
+
+
+def whitened_windows(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]:
+    """Return B windows in the filter's variables."""
+    known = np.isfinite(windows.pose.covariance)
+    # In a run all windows measure the same parts: pose, orientation alone, or nothing.
+    missing = ~np.diagonal(known, axis1=1, axis2=2).all(axis=0)
+    select = variables.measured[~np.any(variables.measured[:, missing], axis=1)]
+    measurement = replace(windows.pose, covariance=np.where(known, windows.pose.covariance, np.eye(6)))
+    pose = _whitened(measurement, variables, select)
+    precision = pose.precision
+    weighed = pose.weighed(windows.noise.pose, windows.joints_of_gyro)
+    places = np.arange(len(select))
+    measured = [(*each, places) for each in zip(pose.value, pose.rows, pose.log_noise, strict=True)]
+    links: list[TwistLink | None] = [None] * len(measured)
+    integrated = windows.integrated.replaces_twist
+    if integrated.any():
+        chosen = windows[integrated]
+        joined, precision[integrated] = integrated_twist_rows(chosen.integrated, chosen.pose, chosen.noise, variables)
+        weighed[integrated] = precision[integrated] @ chosen.noise.pose
+        for index, (value, rows, log_noise, link) in zip(np.flatnonzero(integrated).tolist(), joined, strict=True):
+            measured[index], links[index] = (value, rows, log_noise, np.arange(len(value))), link
+    alone = np.where(integrated[:, None], np.nan, windows.twist.value)
+    for moving, select, of_rates in _rates(alone, variables):
+        measurement = windows.twist[moving]
+        measurement = replace(measurement, value=np.nan_to_num(measurement.value))  # of those outside this selection
+        twist = _whitened(measurement, variables, select)
+        times = windows.joints_in_twist[moving, None, None]
+        precision[moving] += times * twist.precision
+        weighed[moving] += times * twist.weighed(windows.noise.pose[moving], windows.joints_of_gyro[moving])
+        values = np.concatenate((pose.value[moving], twist.value), axis=1)
+        both = np.concatenate((pose.rows[moving], twist.rows), axis=1)
+        log_noise = pose.log_noise[moving] + twist.log_noise
+        all_places = np.concatenate((places, of_rates))
+        for index, values_of_window in zip(moving.tolist(), zip(values, both, log_noise, strict=True), strict=True):
+            measured[index] = (*values_of_window, all_places)
+    turn = variables.from_state[: variables.poses, POSE]
+    transition = turn @ variables.rows(windows.transition)
+    head: Array = np.tile(np.eye(variables.head), (len(transition), 1, 1))
+    head[:, : variables.poses] = transition[..., : variables.head]
+    return [
+        WhitenedWindow(value, rows, float(log_noise), *rest)
+        for (value, rows, log_noise), *rest in zip(
+            (each[:3] for each in measured),
+            transition,
+            (turn @ windows.drift[..., None])[..., 0],
+            turn @ windows.noise.process,
+            np.linalg.inv(head),
+            _shared(weighed, windows.noise.by_unknowns, variables),
+            errors_in_variables_bias(precision, windows.noise.by_unknowns, windows.body, variables),
+            windows.transition[..., MOMENTUM],
+            variables.from_state[variables.poses : variables.head, MOMENTUM] @ variables.rows(windows.momentum_change),
+            _momentum_by_force(windows, variables),
+            turn @ windows.noise.by_process_steps,
+            windows.noise.process_variance,
+            windows.length.tolist(),
+            (each[3] for each in measured),
+            links,
+            strict=True,
+        )
+    ]
+
+
+@dataclass(frozen=True)
+class _White:
+    """Measurements of B windows in units of their noise."""
+
+    # value, rows, log_noise: (B, k), (B, k, v), (B,) as in `WhitenedWindow`
+    value: Array
+    rows: Array
+    log_noise: Array
+    whiten: Array  # (B, k, 6) the whitening matrix for the joints' noise in pose or twist
+    whiten_gyro: Array  # (B, k, 3) and for the extra noise of a gyro on a link; (B, k, 0) without a gyro
+
+    @property
+    def precision(self) -> Array:
+        """S^-1 of these measurements, for the joints' noise in them, (B, 6, 6)."""
+        return np.asarray(np.swapaxes(self.whiten, -1, -2) @ self.whiten)
+
+    def weighed(self, joints: Array, of_gyro: Array) -> Array:
+        """Return S^-1 A of the joints' noise A (B, 6, n), beside which a gyro on a link has (B, 3, n)."""
+        white = self.whiten @ joints
+        if self.whiten_gyro.shape[-1] and of_gyro.any():
+            white = white + self.whiten_gyro @ of_gyro
+        return np.asarray(np.swapaxes(self.whiten, -1, -2) @ white)
+
+
+def _rates(value: Array, variables: Variables) -> Iterator[tuple[Integers, Array, Integers]]:
+    """Yield the windows with twist alone, gyro alone, or both, the combinations that hold, and their places.
+
+    A value (B, 6), or with a gyro (B, 9), is NaN where it is not measured.
+    """
+    poses, known = variables.poses, np.isfinite(value)
+    twist, gyro = known[:, :6].all(axis=-1), known[:, 6:].all(axis=-1) & (value.shape[1] > 6)
+    turns = variables.measured[variables.measured[:, :3].any(axis=1)]
+    select = np.zeros((poses + len(turns), value.shape[1]))
+    select[:poses, :6] = variables.measured
+    if value.shape[1] > 6:
+        select[poses:, 6:] = turns[:, :3]
+    places = poses + np.arange(len(select))
+    for which, of_it in (
+        (twist & ~gyro, slice(0, poses)),
+        (gyro & ~twist, slice(poses, None)),
+        (twist & gyro, slice(None)),
+    ):
+        windows = np.flatnonzero(which)
+        if len(windows):
+            yield windows, select[of_it], places[of_it]
+
+
+def _whitened(measurement: Measurement, variables: Variables, select: Array) -> _White:
+    """Return a measurement of B windows in white noise, of the combinations that hold."""
+    factor = np.linalg.cholesky(select @ measurement.covariance @ select.T)
+    whiten = np.linalg.inv(factor) @ select
+    # The joints' noise is in the gyro's angular velocity as it is in that of the twist.
+    folded = whiten[..., :6]
+    if whiten.shape[-1] > 6:
+        folded = np.concatenate((whiten[..., :3] + whiten[..., 6:], whiten[..., 3:6]), axis=-1)
+    return _White(
+        value=(whiten @ measurement.value[..., None])[..., 0],
+        rows=whiten @ variables.rows(measurement.rows),
+        # One after the other along the first axis, in the same order for one window as for many.
+        log_noise=2.0 * np.add.reduce(np.log(np.diagonal(factor, axis1=1, axis2=2).T.copy()), axis=0),
+        whiten=folded,
+        whiten_gyro=whiten[..., 6:],
+    )
+
+
+def _shared(weighed: Array, slope: Array, variables: Variables) -> Array:
+    """Return the (B, v) mean score by the joints' noise in values (B, 6, n) and in rows (B, 6, 10 + e, n)."""
+    windows, _, numbers, _ = slope.shape
+    by_number = slope.transpose(0, 2, 1, 3).reshape(windows, numbers, -1)
+    score = np.zeros((windows, 1, len(variables.basis)))
+    score[:, 0, BODY.start : BODY.start + numbers] = (by_number @ weighed.reshape(windows, -1, 1))[..., 0]
+    return variables.rows(score)[:, 0]
+
+
+def _momentum_by_force(windows: WindowModel, variables: Variables) -> Array:
+    """Return the (B, 3, p, f) change of the momentum by a constant force and torque, as in `_ACTING`.
+
+    A window's momentum is that of its middle. The force acts from there to the middle of the next window, on a robot
+    that is between the two.
+    """
+    upright = np.broadcast_to(np.eye(3), windows.rotation.shape)
+    rotation = np.stack((upright, upright, windows.rotation), axis=1)
+    point = np.stack((windows.centre, windows.position, windows.position), axis=1)
+    push = np.zeros((*point.shape[:2], 6, 6))
+    push[..., :3, :3] = push[..., 3:, 3:] = rotation
+    push[..., 3:, :3] = skew(point) @ rotation
+    force = windows.length[:, None, None, None] * variables.force
+    return np.asarray(variables.from_state[variables.poses : variables.head, MOMENTUM] @ (push @ force))
+
+
+class LinearisationCache:
+    """Linearises windows, and the next ones with them: one numpy call costs much the same for ten as for one."""
+
+    def __init__(self, layout: Layout, variables: Variables) -> None:
+        self._layout = layout
+        self._variables = variables
+        self._course = SwingCourse(layout, predict) if layout.kernel.springs.count else None
+        self._coming: Sequence[Window] = ()
+        self._turn: dict[Window, int] = {}
+        self._made: dict[Window, WhitenedWindow] = {}
+        self._point: Point | None = None  # at which these are linearised
+
+    def expect(self, windows: Sequence[Window]) -> None:
+        """Set the coming windows, in order."""
+        self._coming = windows
+        self._turn = {window: turn for turn, window in enumerate(windows)}
+        self._made.clear()
+
+    def deflections(self, window: Window) -> Array:
+        """Return the largest deflections of passive joints so far, least and highest in a window, (3, f) rad or m."""
+        return np.zeros((3, 0)) if self._course is None else self._course.deflections(window)
+
+    def whitened(self, window: Window, point: Point) -> WhitenedWindow:
+        """Return a window, linearised at a point."""
+        if point is not self._point:
+            self._point = point
+            self._made.clear()
+        if window not in self._made:
+            turn = self._turn.get(window)
+            together = [window] if turn is None else self._coming[turn : turn + TOGETHER]
+            self._made.update(self.all_whitened(stacked(together), point))
+        return self._made.pop(window)
+
+    def all_whitened(self, stacks: Sequence[Stack], point: Point) -> list[tuple[Window, WhitenedWindow]]:
+        """Return stacked windows in their order before they were stacked, as they are and linearised."""
+        models = window_models(self._layout, stacks, point, self._course)
+        placed = dict(pair for stack in stacks for pair in zip(stack.places, stack.windows, strict=True))
+        windows = [placed[place] for place in sorted(placed)]
+        return list(zip(windows, whitened_windows(models, self._variables), strict=True))

@@ -1,0 +1,599 @@
+"""A gyro on the base or on a link: messages, parameters, integration, errors, rows, faults; also without poses."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from mbaid_ros.core.contracts import ImuMotion, NominalModel, Reading, Stack, Unknown, diagonal
+from mbaid_ros.core.geometry import (
+    Array,
+    Flags,
+    cross,
+    crossed,
+    exp,
+    log,
+    rotate,
+    rotate_back,
+    rotation_from_quaternion,
+    skew,
+)
+from mbaid_ros.core.odometry.faults import (
+    CONTRADICTS,
+    Meanings,
+    Motion,
+    RateCheck,
+    ends,
+    likeliest,
+    slope_over_window,
+    spread,
+    turn_between,
+)
+from mbaid_ros.core.odometry.model import parabolic_weights, total
+from mbaid_ros.core.odometry.stream import orientation_only, usable_covariance
+from mbaid_ros.core.robot.model import Kinematics, Link, PlaneDetector, RobotModel, express
+from mbaid_ros.core.robot.momentum import MomentumKernel, mobility_and_joint_momentum
+from mbaid_ros.core.samples import ArrayRecord, BaseStream, ImuStream, Samples, Stamps, stamps_of
+from mbaid_ros.core.windows import Midpoints, Window, gradient
+from mbaid_ros.errors import ParameterError, listing
+from mbaid_ros.parameters import parameter
+
+SATURATED = 'IMU: angular velocity at the end of its range, or stuck'
+LARGEST_BACKLOG = 1_000_000  # measurements that wait for joints: more are memory without an end
+# Readings in a row that are the same to the last bit, and how fast (rad/s): a gyro whose range is not known is at its
+# end.
+_STUCK, _FAST = 8, 0.5
+_NOWHERE = -1  # index of an entry not found
+_ONCE_MORE = 256  # rotations, after which rounding is taken off: it has grown to some 1e-14 by then
+BIAS, STRETCH, TURN, CROSS, LATE = GYRO = ('gyro bias', 'gyro scale', 'gyro mount', 'gyro cross-axis', 'gyro delay')
+_LATE = 12  # place of the delay: as many numbers are before it
+_OFF = 0.02  # part of the motion that a declared error of the gyro's scale or mount may make
+_TURNED = 0.2  # rad, from which the axes of a gyro are others: no declared mount is as far off
+_FIRST = 5  # windows of a mean angular momentum: noise is far below the rate, disturbances have hardly acted
+IMU_FRAME = 'IMU: frame_id is no link on the base'
+IMU_NOT_FINITE = 'IMU: NaN or infinite value'
+IMU_NOT_REAL = 'IMU: angular velocity beyond anything real'
+IMU_WITHOUT_RATE = 'IMU: the angular velocity is marked as not measured (covariance -1)'
+IMU_BAD_QUATERNION = 'IMU: orientation is no unit quaternion'
+_LARGEST = 1e4  # rad/s: no gyro measures as much
+_QUATERNION_TOLERANCE = 0.1
+_IMU_DELAY_STD = 5e-3  # s, of stamps that a driver sets on arrival: half a period at 100 Hz
+
+
+@dataclass(frozen=True)
+class ImuConfig:
+    """The angular velocity of an IMU; with `noise_density` the topic imu is used."""
+
+    noise_density: float = parameter(0.0, 'rad/s/sqrt(Hz)', minimum=0.0)
+    """White noise density of the gyro, as in data sheets: standard deviation of a reading over the square root of the
+    rate. 0: the topic imu is not used."""
+    alone: bool = parameter(default=False)
+    """Nothing locates the base: the gyro alone measures its rotation about the common centre of mass. Only for method
+    trajectory; odom and pose are ignored, linear momentum and heading are unobservable."""
+    orientation: bool = parameter(default=False)
+    """With imu.alone: also use the orientation in the messages, as from a star tracker, unless its covariance is -1
+    (REP 145). The gyro then fills the gaps between messages, and the heading is observable."""
+    bias_std: float = parameter(0.01, 'rad/s', minimum=0.0)
+    """Standard deviation of the gyro's initial bias about each axis."""
+    bias_walk: float = parameter(2e-5, 'rad/s/sqrt(s)', minimum=0.0)
+    """Random walk of the gyro's bias: standard deviation of its change in a second; grows with the square root of
+    time."""
+    scale_std: float = parameter(0.01, minimum=0.0)
+    """Relative standard deviation of the gyro's scale on each axis; 0: exact."""
+    cross_axis_std: float = parameter(0.0, minimum=0.0)
+    """Standard deviation of the gyro's cross-axis sensitivity, without the common misalignment; data sheets of MEMS
+    have 0.01 to 0.02 as a maximum. 0: exact."""
+    orientation_std: float = parameter(0.01, 'rad', minimum=0.0)
+    """Standard deviation of the IMU's misalignment about each axis; 0: exact."""
+    range: float = parameter(0.0, 'rad/s', minimum=0.0)
+    """Largest measurable angular velocity: readings at that limit are not used. 0: unknown; then fast readings that
+    repeat to the last bit are not used."""
+    frame: str = parameter('')
+    """Link that carries the IMU and whose axes it measures in: on the base or moved by joints, but not the target or a
+    link that the target carries. Empty: the frame_id of the messages, a link on the base."""
+
+
+@dataclass(frozen=True)
+class _Integrated(ArrayRecord):
+    """N readings of a gyro and the integral of its rate."""
+
+    stamp: Stamps  # ns
+    rate: Array  # (N, 3) rad/s
+    angle: Array  # (N, 3) rad
+    segment: Stamps  # number of the gap-free segment
+
+
+class RateIntegrator:
+    """Integrates the rate of a gyro; the result does not depend on how the stream is cut into pieces.
+
+    Parameters
+    ----------
+    maximum_gap : ns, longest time between two measurements that is interpolated
+    largest : rad/s, range of the gyro; 0 if unknown
+    on_base : whether it is fixed to the base; else joints are between
+
+    Attributes
+    ----------
+    newest : ns, stamp of the latest measurement; None before the first
+    dropped : measurements that were not used, by cause
+    """
+
+    def __init__(self, maximum_gap: int, largest: float = 0.0, *, on_base: bool = True) -> None:
+        self.on_base = on_base
+        self._maximum_gap = maximum_gap
+        self._largest = largest
+        none = np.zeros(0, dtype=np.int64)
+        self._kept = _Integrated(none, np.zeros((0, 3)), np.zeros((0, 3)), none)
+        self._segments = 0  # so far
+        self._sampled = _NOWHERE  # in which of them the last sample was
+        self._last: Array = np.full(3, np.nan)  # reading
+        self._alike = np.zeros(3, dtype=np.int64)  # readings in a row that were the same as this, by axis
+        self.newest: int | None = None
+        self.dropped: Counter[str] = Counter()
+
+    def push(self, stream: ImuStream | None) -> None:
+        """Add measurements in the order of their stamps."""
+        if stream is None or not len(stream.stamp):
+            return
+        self.newest = int(stream.stamp[-1])
+        lost = self._saturated(stream.angular_velocity)
+        self.dropped[SATURATED] += int(np.sum(lost))
+        self._integrate(stream, lost)
+        self.forget_before(np.iinfo(np.int64).min)
+
+    def integral_at_samples(self, stamps: Stamps) -> Array:
+        """Return the integral at samples, in order, (N, 3) rad: NaN in a gap, or else at the first sample after it."""
+        turned, part = self.integral_at(stamps)
+        if not len(stamps):
+            return turned
+        earlier = np.concatenate(([self._sampled], part[:-1]))
+        self._sampled = int(part[-1])
+        across = (part != earlier) & (earlier != _NOWHERE)
+        return np.where(across[:, None], np.nan, turned)
+
+    def integral_at(self, stamps: Stamps) -> tuple[Array, Stamps]:
+        """Return the integral at instants (N, 3), rad, and the number of their gap-free segment; NaN, -1 in a gap."""
+        known, rate, turned, parts = vars(self._kept).values()
+        if not len(known):
+            return np.full((len(stamps), 3), np.nan), np.full(len(stamps), _NOWHERE)
+        right = np.minimum(np.searchsorted(known, stamps, side='left'), len(known) - 1)
+        left = np.where(known[right] == stamps, right, np.maximum(right - 1, 0))
+        length, since = (known[right] - known[left]) * 1e-9, (stamps - known[left]) * 1e-9
+        slope = (rate[right] - rate[left]) / np.where(length > 0.0, length, 1.0)[:, None]
+        value = turned[left] + since[:, None] * (rate[left] + 0.5 * since[:, None] * slope)
+        inside = (stamps >= known[0]) & (stamps <= known[-1]) & (parts[left] == parts[right])
+        return np.where(inside[:, None], value, np.nan), np.where(inside, parts[left], _NOWHERE)
+
+    def forget_before(self, stamp: int) -> None:
+        """Drop readings that no instant after a stamp needs."""
+        count, surplus = len(self._kept), int(np.searchsorted(self._kept.stamp, stamp, side='right')) - 1
+        surplus = min(max(surplus, count - LARGEST_BACKLOG), count - 1)  # new readings are added to the last
+        if surplus > 0:
+            self._kept = self._kept[surplus:]
+
+    def _integrate(self, stream: ImuStream, lost: Flags) -> None:
+        """Integrate measurements (trapezoid); lost ones make a gap."""
+        good = ~lost
+        if not np.any(good):
+            self._segments += 1
+            return
+        stamp, rate = stream.stamp[good], stream.angular_velocity[good]
+        breaks = np.cumsum(lost)[good]
+        gap = np.diff(breaks, prepend=0) > 0
+        last = self._kept[-1:]
+        # Without a reading before, the integral begins at the first one.
+        before = last if len(last) else _Integrated(stamp[:1], rate[:1], np.zeros((1, 3)), last.segment)
+        apart = np.diff(stamp, prepend=before.stamp)
+        steps = 0.5e-9 * apart[:, None] * (np.concatenate((before.rate, rate[:-1])) + rate)
+        gap |= apart > self._maximum_gap
+        # One after the other, from the last sum: the same sums however the stream is cut.
+        turned = np.cumsum(np.concatenate((before.angle, steps)), axis=0)[1:]
+        part = self._segments + np.cumsum(gap)
+        self._segments = int(part[-1]) + int(bool(lost[-1]))  # lost ones at the end part it from the next ones
+        self._kept = _Integrated.concatenate([self._kept, _Integrated(stamp, rate, turned, part)])
+
+    def _saturated(self, rate: Array) -> Flags:
+        """Return which readings are at the end of the gyro's range, or stuck, (N,)."""
+        if self._largest > 0.0:
+            return np.asarray(np.any(np.abs(rate) >= self._largest * (1.0 - 1e-6), axis=1))
+        same = rate == np.concatenate((self._last[None], rate[:-1]))
+        place = np.arange(len(rate))[:, None]
+        # Readings since the last change, those of earlier calls among them.
+        changed = np.maximum.accumulate(np.where(same, -1, place), axis=0)
+        alike = np.where(changed < 0, self._alike + place + 1, place - changed)
+        if len(rate):
+            self._last, self._alike = rate[-1], alike[-1]
+        return np.asarray(np.any((alike >= _STUCK - 1) & (np.abs(rate) > _FAST), axis=1))
+
+
+class DeadReckoning:
+    """Integrates an orientation; the result does not depend on how the stream is cut into pieces."""
+
+    def __init__(self) -> None:
+        self._last: tuple[int, Array, Array] | None = None  # stamp, rate, orientation
+        self._count = 0
+
+    def push(self, imu: ImuStream | None) -> BaseStream | None:
+        """Add measurements in the order of their stamps; return the orientation of the base at each."""
+        if imu is None or not len(imu.stamp):
+            return None
+        readings = zip(imu.stamp.tolist(), imu.angular_velocity, strict=True)
+        return orientation_only(imu.stamp, np.array([self._integrated(*reading) for reading in readings]))
+
+    def _integrated(self, stamp: int, rate: Array) -> Array:
+        """Return the orientation at the next measurement: with a rate that changes evenly, to fourth order."""
+        if self._last is None:
+            rotation: Array = np.eye(3)
+        else:
+            before, first, start = self._last
+            step = 1e-9 * (stamp - before)
+            turn = 0.5 * step * (first + rate) + step**2 / 12.0 * cross(first, rate)
+            rotation = start @ exp(turn)
+            self._count += 1
+            if self._count % _ONCE_MORE == 0:
+                left, _, right = np.linalg.svd(rotation)
+                rotation = left @ right
+        self._last = stamp, rate, rotation
+        return rotation
+
+
+@dataclass(frozen=True)
+class GyroErrors:
+    """How far an IMU's angular velocity may be off: standard deviations, 0 is exact."""
+
+    bias: float = 0.0  # rad/s
+    scale: float = 0.0  # relative
+    orientation: float = 0.0  # rad
+    delay: float = 0.0  # s
+    walk: float = 0.0  # rad/s/sqrt(s), of the bias
+    cross: float = 0.0  # relative, of one axis in another
+    alone: bool = False  # whether it alone observes the orientation, which windows are linearised along
+    with_orientation: bool = False  # whether the IMU measures the orientation, too, in the same axes
+    link: Link | None = None  # that the IMU is on, where joints move it; None on the base
+
+
+@dataclass(frozen=True, eq=False)
+class Gyro(Unknown):
+    """Bias (rad/s), scale, turn (rad) of its axes, cross-axis sensitivity, (3,) each, and delay (s)."""
+
+    # (13, w) factor of the change of the bias in a second
+    wandering: Array = field(default_factory=lambda: np.zeros((13, 0)))
+    errors: GyroErrors = field(default_factory=GyroErrors)  # as declared
+
+    in_readings = True
+    in_equations = False  # which do not know of it
+
+    @property
+    def random_walk(self) -> Array:
+        """The walk of the bias."""
+        return self.wandering
+
+    def reading(self, motion: Reading) -> tuple[Array, Array] | None:
+        """Return how the orientation reads that is measured in the same axes: R_read = R Exp(e)."""
+        if not self.errors.with_orientation:
+            return None
+        pose, twist = np.zeros((2, len(motion.rotation), 6, 13))
+        pose[:, :3, 6:9] = motion.rotation
+        return pose, twist
+
+    def gyro_reading(self, motion: Reading) -> Array:
+        """Return its reading by each."""
+        assert motion.imu is not None, 'there is an IMU'
+        own = motion.imu
+        return np.concatenate((own.axes, own.stretching, own.turning, own.crossing, -own.slope[..., None]), axis=-1)
+
+    def linearisation_value(self, value: Array, deviation: Array) -> Array:
+        """Return zero where poses are measured: the readings are linear, and windows are those that are read.
+
+        Without poses they are the integrated gyro's, less the estimate of its errors.
+        """
+        del deviation
+        if not self.errors.alone:
+            return np.zeros_like(value)
+        numbers = self.factor @ value
+        numbers[_LATE] = 0.0
+        return np.asarray(np.linalg.pinv(self.factor) @ numbers)
+
+    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
+        """Return the nominal model with these errors."""
+        return replace(side, gyro=side.gyro + value[:_LATE]) if self.errors.alone else side
+
+    def plane_basis(self, detector: PlaneDetector) -> Array:
+        """Return bias and scale of its reading about the normal, and the delay."""
+        normal = self._normal(detector)
+        basis = np.zeros((13, 3))
+        basis[:3, 0], basis[3:6, 1], basis[_LATE, 2] = normal, normal**2 / np.linalg.norm(normal**2), 1.0
+        return basis
+
+    def _normal(self, detector: PlaneDetector) -> Array:
+        """Return the normal of the plane of motion in its axes, (3,)."""
+        if self.errors.link is None:
+            return detector.plane_of_body(0).normal
+        plane = detector.plane(self.errors.link)
+        assert plane is not None, 'the motion is planar'
+        return plane.normal
+
+    def in_plane(self, detector: PlaneDetector) -> Gyro:
+        """Return its planar part; the irrelevant part of the bias no longer walks."""
+        seen = super().in_plane(detector)
+        normal = self.plane_basis(detector)[:3, :1]
+        wandering = np.zeros((13, 1))
+        wandering[:3] = normal * np.sqrt(np.sum((normal.T @ self.wandering[:3]) ** 2))
+        return replace(
+            self,
+            factor=seen.factor,
+            labels=seen.labels,
+            wandering=wandering if self.wandering.any() else self.wandering,
+        )
+
+
+def gyro(errors: GyroErrors | None) -> Gyro:
+    """Return the errors of an IMU as an unknown; None if there is no IMU."""
+    own = errors or GyroErrors()
+    deviations = np.array([*np.repeat((own.bias, own.scale, own.orientation, own.cross), 3), own.delay])
+    wandering = np.zeros((13, 3))
+    wandering[:3] = own.walk * np.eye(3)
+    labels = (*np.repeat(GYRO[:4], 3).tolist(), LATE)
+    return Gyro(diagonal(deviations), labels, wandering[:, : 3 * (own.walk > 0.0)], own)
+
+
+def gyro_check() -> RateCheck:
+    """Return the check whether the gyro turns as the poses do."""
+    return RateCheck(_gyro_motion, _gyro_error, 'conflict')
+
+
+def _gyro_motion(window: Samples) -> Motion | None:
+    """Return how the base turned, in its axes at the start, by poses and gyro; None without a gyro."""
+    if not window.gyro.shape[1]:
+        return None
+    rotation, count = window.base_rotation, len(window)
+    step = slope_over_window(log(rotation[0].T @ ends(rotation)))
+    noise = np.sqrt(6.0 / count * spread(window.pose_covariance)[:3])
+    rows = step, slope_over_window(ends(window.gyro)), noise, np.zeros((3, 3)), rotation[0]
+    return Motion(*(row[None] for row in rows))
+
+
+def _gyro_error(motion: Motion, contradiction: float) -> tuple[str, float]:
+    """Return the units or axes that a gyro has instead of the poses', and the gain; a bias is none."""
+    del contradiction  # a bias has its part in it
+    step, read = (each - np.mean(each, axis=0) for each in (motion.step, motion.read))
+    declared = _OFF * np.sqrt(np.mean(np.sum(step**2, axis=1)))
+    motion = replace(motion, step=step, read=read, noise=np.hypot(motion.noise, declared))
+    contradiction = motion.misfit(motion.read)
+    return likeliest(motion, contradiction, _gyro_meanings(motion)) if contradiction >= CONTRADICTS else ('', 0.0)
+
+
+def _gyro_meanings(motion: Motion) -> Meanings:
+    """Yield the conventions of a gyro, and the steps (W, 3) that each implies."""
+    text = 'the angular velocity of the IMU is 57.3 times that of the poses: it is in degrees; accepted: rad/s, as in'
+    yield 1.0, f'{text} REP 103', np.deg2rad(motion.read)
+    turn, about = turn_between(motion.step, motion.read, motion.noise)
+    if np.linalg.norm(log(turn)) > _TURNED:
+        text = f'the IMU is turned by {about} relative to its frame: correct the frame in the robot description, or set'
+        yield 1.0, f'{text} imu.frame', motion.read @ turn.T
+
+
+def turning_imu(
+    motion: tuple[Midpoints, slice], twist: Array, reading: Reading, slope: Array, spacing: float
+) -> ImuMotion:
+    """Return the turn of a stack's IMU, for the base's predicted twist (m, B, 6) and its slope."""
+    around, inside = motion
+    weight = parabolic_weights(inside.stop - inside.start)[:, None, None]
+    relative = around.imu_rate
+    rate, axes = twist[..., 3:] + relative[inside], around.imu_axes[inside]
+    changing = slope[..., 3:] + gradient(relative)[inside] / spacing
+    within = rotate_back(axes, rate)
+    return ImuMotion(
+        rate=reading.twist[..., :3] + total(weight * relative[inside]),
+        slope=total(weight * changing),
+        axes=total(weight[..., None] * axes),
+        stretching=total(weight[..., None] * axes * within[..., None, :]),
+        turning=total(weight[..., None] * (skew(rate) @ axes)),
+        crossing=total(weight[..., None] * (axes @ crossed(within))),
+    )
+
+
+def gyro_covariance(stack: Stack, count: int) -> Array:
+    """Return the (B, 3, 3) covariance of windows' weighted angular velocity by the gyro's own noise; of m intervals."""
+    return np.asarray(_preintegrated(count, stack.windows[0].spacing) * stack.gyro_variance * np.eye(3))
+
+
+@cache
+def _preintegrated(count: int, spacing: float) -> float:
+    """Return the variance of a window's weighted angular velocity by white noise of unit density, 1/s.
+
+    The integral at a knot is a mean over the knot's time, and a rate a difference of two, sharpened by the neighbours':
+    the weights of the gyro's readings are the convolution of these.
+    """
+    fine = 20  # pieces of a knot
+    between = np.zeros(count + 4)  # of the steps from knot to knot, those of two neighbours on either side among them
+    between[2:-2] = parabolic_weights(count) / spacing
+    between[1:-1] -= np.diff(between, 2) / 24.0
+    steps = np.repeat(np.diff(np.pad(between, 1)), fine)  # of the knots' means
+    readings = np.cumsum(-steps) / fine
+    return float(np.sum(readings**2) * spacing / fine)
+
+
+def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Window]) -> Array:
+    """Return the angular momentum about the centre of mass, odometry axes, (3,); zero where poses locate the base.
+
+    A gyro alone measures the motion then. A start at rest would be too far from a robot that tumbles.
+
+    Parameters
+    ----------
+    kernel : of the robot
+    target : (10,) standard parameters of its target
+    windows : of which the first ones count
+    """
+    known, momenta = kernel.body_parameters(target), []
+    for window in windows[:_FIRST]:
+        middle = Stack((window,), (0,)).middle[window.inside].flat
+        if np.isfinite(window.noise.pose[-1, -1]) or not middle.gyro.shape[-1] or not np.all(np.isfinite(middle.gyro)):
+            continue
+        placed = kernel.kinematics.configure(middle.base_rotation, middle.joint_position)
+        joints = kernel.kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
+        bodies = express(known, placed.rotation, placed.position)
+        mobility, moving = mobility_and_joint_momentum(kernel, middle.stored, bodies, placed, joints)
+        # V = M^-1 (h - b), no linear momentum: solve with the angular part of M^-1 alone.
+        at_rest = (mobility @ moving[..., None])[..., 0]
+        rate = rotate(middle.base_rotation, middle.gyro) + at_rest[:, 3:]
+        momenta.append(np.linalg.solve(mobility[:, 3:, 3:], rate[..., None])[..., 0])
+    return np.mean(np.concatenate(momenta), axis=0) if momenta else np.zeros(3)
+
+
+class ImuReader:
+    """Reads Imu messages: the angular velocity in base axes, and the orientation where that is asked for.
+
+    Of an IMU on a link that joints move, the angular velocity is in the axes of that link.
+
+    Parameters
+    ----------
+    axes : (3, 3) of each frame that is accepted, by name: to those of the base link, or of the link that it moves with
+    frame : name of the one it is in, which overrides the messages; empty leaves it to these
+    orientation_std : rad, of an orientation whose covariance is not set; None does not read orientations
+    """
+
+    def __init__(self, axes: Mapping[str, Array], frame: str, orientation_std: float | None = None) -> None:
+        self._axes = axes
+        self._frame = frame
+        self._orientation_std = orientation_std
+        self.other_frame = ''
+
+    def read(self, messages: Sequence[Any]) -> tuple[ImuStream | None, Counter[str]]:
+        """Return the measurements, and the numbers of dropped messages by cause."""
+        dropped: Counter[str] = Counter()
+        frames = [self._frame or message.header.frame_id.lstrip('/') for message in messages]
+        kept = []
+        for message, frame in zip(messages, frames, strict=True):
+            if frame not in self._axes:
+                self.other_frame = frame
+                dropped[IMU_FRAME] += 1
+            elif message.angular_velocity_covariance[0] == -1.0:  # REP 145
+                dropped[IMU_WITHOUT_RATE] += 1
+            else:
+                kept.append((message, frame))
+        if not kept:
+            return None, dropped
+        rates = (message.angular_velocity for message, _ in kept)
+        rate = np.array([(each.x, each.y, each.z) for each in rates], dtype=float)
+        finite = np.all(np.isfinite(rate), axis=1)
+        real = np.all(np.abs(rate) < _LARGEST, axis=1)
+        dropped[IMU_NOT_FINITE] += int(np.sum(~finite))
+        dropped[IMU_NOT_REAL] += int(np.sum(finite & ~real))
+        turned = np.empty_like(rate)
+        names = np.array([frame for _, frame in kept])
+        for name in dict.fromkeys(names.tolist()):
+            # A sum over axes: products of matrices show the size of the batch in the last bit.
+            turned[names == name] = np.einsum('ij,nj->ni', self._axes[name], rate[names == name])
+        stamps = stamps_of([message for message, _ in kept])
+        if self._orientation_std is None:
+            return ImuStream(stamps, turned)[finite & real], +dropped
+        stream = ImuStream(stamps, turned, *self._orientations(kept, self._orientation_std, dropped))
+        return stream[finite & real], +dropped
+
+    def _orientations(
+        self, kept: Sequence[tuple[Any, str]], deviation: float, dropped: Counter[str]
+    ) -> tuple[Array, Array, Flags]:
+        """Return orientations and covariances (N, 3, 3) each, NaN where none is given, and which messages give them."""
+        given = [(message.orientation, message.orientation_covariance) for message, _ in kept]
+        quaternion = np.array([(each.x, each.y, each.z, each.w) for each, _ in given], dtype=float)
+        covariance = np.array([each for _, each in given], dtype=float).reshape(-1, 3, 3)
+        present: Flags = covariance[:, 0, 0] != -1.0  # REP 145
+        with np.errstate(over='ignore', invalid='ignore'):
+            unit = np.abs(np.sqrt(np.sum(quaternion**2, axis=1)) - 1.0) < _QUATERNION_TOLERANCE
+        dropped[IMU_BAD_QUATERNION] += int(np.sum(present & ~unit))
+        good = present & unit
+        rotation: Array = np.full((len(kept), 3, 3), np.nan)
+        measured = rotation_from_quaternion(quaternion[good])
+        # That of the sensor's frame in the world: the base's is turned back by where the sensor is on it.
+        back = np.array([self._axes[frame] for _, frame in kept])[good]
+        rotation[good] = np.einsum('nij,nkj->nik', measured, back)
+        default = deviation**2 * np.eye(6)
+        declared: Flags = good.copy()
+        for index in np.flatnonzero(good).tolist():
+            whole = default.copy()
+            whole[3:, 3:] = covariance[index]
+            used = usable_covariance(whole, default)
+            covariance[index], declared[index] = used.matrix[3:, 3:], used.is_given[1]
+        return rotation, np.where(good[:, None, None], covariance, np.nan), declared
+
+
+def imu_link(config: ImuConfig, model: RobotModel, target_link: str, frame_prefix: str) -> Link | None:
+    """Return the link of an IMU that joints move; None on the base.
+
+    Raises ParameterError: There is no such link, or it moves with the target.
+
+    Parameters
+    ----------
+    target_link : as of the parameters, the last link if empty
+    frame_prefix : before the names of links in frame names
+    """
+    given, links = config.frame, {frame_prefix + link.name: link for link in model.links}
+    if not given:
+        return None
+    target, ancestors = model.link(target_link or model.last_link).body, Kinematics(model).ancestors
+    carried = [target > 0 and (body == target or bool(ancestors[body, target - 1])) for body in range(len(ancestors))]
+    accepted = [name for name, link in links.items() if not carried[link.body] and not (config.alone and link.body)]
+    if given not in accepted:
+        why = ''
+        if given in links:
+            why = ', which moves with the target' if carried[links[given].body] else ", and 'imu.alone' is true"
+        raise ParameterError(f"parameter 'imu.frame' is '{given}'{why}; accepted: {listing(accepted)}")
+    return links[given] if links[given].body else None
+
+
+def imu_reader(
+    config: ImuConfig, model: RobotModel, target_link: str, frame_prefix: str, orientation_std: float
+) -> ImuReader:
+    """Return the reader of Imu messages: in base axes, or in those of a link that joints move.
+
+    Raises ParameterError: The IMU cannot be on the frame that the parameters name.
+
+    Parameters
+    ----------
+    target_link, frame_prefix : as of `imu_link`
+    orientation_std : rad, of an orientation in messages without a covariance
+    """
+    axes = {frame_prefix + link.name: link.rotation for link in model.links if link.body == 0}
+    if imu_link(config, model, target_link, frame_prefix) is not None:
+        axes = {config.frame: np.eye(3)}
+    return ImuReader(axes, config.frame, orientation_std if config.orientation else None)
+
+
+def declared_gyro(config: ImuConfig, link: Link | None) -> Gyro:
+    """Return the errors of an IMU, on a link that joints move if there is one; exact without an IMU."""
+    if config.noise_density == 0.0:
+        return gyro(None)
+    errors = GyroErrors(
+        config.bias_std,
+        config.scale_std,
+        config.orientation_std,
+        0.0 if config.alone else _IMU_DELAY_STD,  # alone, its delay is the joints' time offset
+        config.bias_walk,
+        config.cross_axis_std,
+        alone=config.alone and not config.orientation,
+        with_orientation=config.orientation,
+        link=link,
+    )
+    return gyro(errors)
+
+
+def make_gyro(
+    config: ImuConfig, model: RobotModel, target_link: str, frame_prefix: str, maximum_gap: float
+) -> RateIntegrator | None:
+    """Return the integrator of an IMU's angular velocity; None without an IMU.
+
+    Parameters
+    ----------
+    target_link, frame_prefix : as of `imu_link`
+    maximum_gap : s, longest interval that is interpolated
+    """
+    if config.noise_density == 0.0:
+        return None
+    on_base = imu_link(config, model, target_link, frame_prefix) is None
+    return RateIntegrator(round(maximum_gap * 1e9), config.range, on_base=on_base)

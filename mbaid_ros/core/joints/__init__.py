@@ -1,0 +1,1 @@
+"""Joints: their messages, their errors, their faults."""

@@ -1,0 +1,303 @@
+"""Known links: errors of their masses, centres and inertias, the weighed mass of the robot, wrong units."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from mbaid_ros.core.contracts import Convention, NominalModel, Unknown, Words
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.model import Link, PlaneDetector, RobotModel, express
+from mbaid_ros.core.robot.momentum import (
+    BodyStates,
+    KnownErrors,
+    MomentumKernel,
+    body_length,
+    body_sizes,
+    physical,
+    physical_jacobian,
+    regressor,
+)
+from mbaid_ros.errors import ParameterError, listing
+from mbaid_ros.parameters import by_name, parameter
+
+# Part of the largest variance (all parameters in units of their own deviation) up to which one is rounding.
+_NOTHING = 1e-14
+_UNITS = (1e3, 1e-3)  # grams for kilograms, and the other way round
+_HEAVY = 0.01  # share of the robot's mass, from which a link's inertia matters
+_REACH = 10.0  # times the robot's size, that no link's radius of gyration reaches
+
+
+@dataclass(frozen=True)
+class LinkDeviations:
+    """Standard deviations of a single known link, in place of `known_links.relative_std`; 0 is exact."""
+
+    mass_relative_std: float = parameter(0.01, minimum=0.0, maximum=1.0)
+    """Relative standard deviation of the mass of this link and everything fixed to it; the inertia scales with it."""
+    com_std: float = parameter(0.01, 'm', minimum=0.0)
+    """Standard deviation of each coordinate of the centre of mass of this link and everything fixed to it."""
+    inertia_relative_std: float = parameter(0.01, minimum=0.0, maximum=1.0)
+    """Standard deviation of each element of this link's inertia about the centre of mass at a given mass, relative to
+    the mean moment."""
+
+
+@dataclass(frozen=True)
+class KnownLinksConfig:
+    """The uncertainty of the known bodies."""
+
+    relative_std: float = parameter(0.01, minimum=0.0, maximum=1.0)
+    """Relative standard deviation of every known body: of a common factor of its inertial parameters, and of each
+    parameter by itself; 0: exact."""
+    total_mass: float = parameter(0.0, 'kg', minimum=0.0)
+    """Mass of the whole robot without what it holds, if it was weighed; a known_links.calibration has it already. 0:
+    unknown."""
+    total_mass_std: float = parameter(0.0, 'kg', minimum=0.0)
+    """Standard deviation of known_links.total_mass; 0: unknown."""
+    calibration: str = parameter('')
+    """JSON file of calibrate: its covariance of links, joints and mount replaces all else of known_links, the zeros,
+    origins and axes of known_joints, and odometry_mount. It needs the URDF that calibrate wrote."""
+    links: Mapping[str, Mapping[str, float]] = by_name(LinkDeviations, 'link')
+
+
+def relative_factor(parameters: Array, std: float) -> Array:
+    """Return the lower triangular factor of the covariance of a body's (10,) parameters phi, for a relative std.
+
+    All have one error in common, and each one of its own, relative to its `body_sizes` s: std^2 (phi phi^T + diag(s^2))
+    (trajectory.md, eq. 12). With independent errors alone, the mean of ten would be known better than any: that of
+    the base, in units of which a target is weighed.
+    """
+    sizes = body_sizes(parameters)
+    whole = np.divide(parameters, sizes, out=np.zeros(10), where=sizes > 0.0)  # a point at its joint has mass alone
+    return np.asarray(std * sizes[:, None] * np.linalg.cholesky(np.eye(10) + np.outer(whole, whole)))
+
+
+@dataclass(frozen=True)
+class BodyDeviations:
+    """Standard deviations of one body's mass (relative), CoM (m, each coordinate) and inertia about it (relative).
+
+    That of each element of the inertia, at a given mass, is relative to the mean moment, a third of the trace. First
+    moment and inertia scale with the mass.
+    """
+
+    mass: float
+    com: float
+    inertia: float
+
+    @staticmethod
+    def from_relative(parameters: Array, std: float) -> BodyDeviations:
+        """Return those of a body, of standard parameters (10,), whose errors are of a relative size."""
+        return BodyDeviations(std, std * body_length(parameters), std)
+
+    def factor(self, parameters: Array) -> Array:
+        """Return the (10, e) factor of the covariance of the standard parameters (10,)."""
+        inertia = np.full(6, float(physical(parameters)[[4, 7, 9]].sum()) / 3.0)
+        deviation = np.concatenate(([self.mass], np.full(3, self.com), self.inertia * inertia))
+        turned = np.linalg.solve(physical_jacobian(parameters), np.eye(10))
+        turned[:, 0] = parameters  # a heavier body, the same otherwise
+        return np.asarray((turned * deviation)[:, deviation > 0.0])
+
+
+def independent_errors(known: Array, std: float, own: Mapping[int, BodyDeviations] | None = None) -> KnownErrors:
+    """Return independent errors of known bodies (n + 1, 10): `own` by index, others of a relative std (0: exact)."""
+    own = own or {}
+    factors = {
+        int(body): own[body].factor(known[body]) if body in own else relative_factor(known[body], std)
+        for body in np.flatnonzero(known[:, 0] > 0.0)
+        if body in own or std > 0.0
+    }
+    uncertain = {body: factor for body, factor in factors.items() if factor.size}
+    return KnownErrors(tuple(uncertain), block_diag(*uncertain.values()) if uncertain else np.zeros((0, 0)))
+
+
+def calibrated_errors(links: Sequence[Link], covariance: Array, unknown: Sequence[str] = ()) -> KnownErrors:
+    """Return the errors after a calibration, by the covariance (10 k, 10 k) of k links' standard parameters.
+
+    Links in `unknown`, by name, do not count; each link's parameters are in its own frame.
+    """
+    bodies, carry = links_to_bodies(links, unknown)
+    return KnownErrors(bodies, _factor(carry @ covariance @ carry.T))
+
+
+def links_to_bodies(links: Sequence[Link], unknown: Sequence[str] = ()) -> tuple[tuple[int, ...], Array]:
+    """Return the b bodies of k links, without `unknown` ones, and the (10 b, 10 k) matrix from links to bodies."""
+    known = [(index, link) for index, link in enumerate(links) if link.name not in unknown]
+    bodies = tuple(sorted({link.body for _, link in known}))
+    matrix = np.zeros((10 * len(bodies), 10 * len(links)))
+    for index, link in known:
+        row = 10 * bodies.index(link.body)
+        matrix[row : row + 10, 10 * index : 10 * index + 10] += express(np.eye(10), link.rotation, link.position).T
+    return bodies, matrix
+
+
+def _factor(covariance: Array) -> Array:
+    """Return a factor with as many columns as the covariance has directions; its entries may differ widely in size."""
+    size = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(covariance / size / size[:, None])
+    some = values > _NOTHING * max(float(values[-1]), 0.0) if len(values) else np.zeros(0, dtype=bool)
+    return np.asarray(size[:, None] * vectors[:, some] * np.sqrt(values[some]))
+
+
+def _link_deviation(name: str, value: Array) -> str:
+    heavier = 'heavier' if value[0] > 0.0 else 'lighter'
+    moment = ', '.join(f'{part:+.2g}' for part in value[1:4])
+    return (
+        f'link {name} is not as described: it looks {abs(value[0]):.3g} kg {heavier}, its first moment ({moment}) '
+        'kg m off; check its inertial, or raise known_links.relative_std'
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class KnownBodies(Unknown):
+    """Errors of the standard parameters (m, h, I_o) of b moving bodies, each in its own frame."""
+
+    bodies: tuple[int, ...]  # (b,) indices
+
+    words: ClassVar = {
+        'link': Words(
+            'the links',
+            'known_links.relative_std',
+            'the uncertainty of link {}: weigh it, or calibrate before the capture (known_links)',
+            _link_deviation,
+        ),
+        'mass': Words(parameter='known_links.relative_std'),
+    }
+    calibrated = True
+
+    @cached_property
+    def parts(self) -> tuple[str, ...]:
+        """Of each independent number, the mass of its link where it alone makes that out; or ''."""
+        return masses([label.partition(':')[2] for label in self.labels[::10]], self.factor)
+
+    def mass_row(self) -> Array:
+        """Return the sum of the bodies' masses."""
+        return np.asarray(self.factor[::10].sum(axis=0))
+
+    def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
+        """Return the bodies' regressors, less the orbit's momentum: momentum is linear in a body's parameters."""
+        del kernel
+        index = list(self.bodies)
+        placed = states.configuration
+        columns = regressor(placed.rotation[:, index], placed.position[:, index], states.body_twist[:, index])
+        if states.tide.shape[1]:
+            columns -= states.tide[:, index]
+        return np.moveaxis(columns, 1, 2).reshape(len(columns), 6, 10 * len(index))
+
+    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
+        """Return the nominal model with these bodies."""
+        change = np.zeros_like(side.kernel.known)
+        change[list(self.bodies)] = value.reshape(-1, 10)
+        return replace(side, kernel=side.kernel.with_body_changes(change))
+
+    def plane_basis(self, detector: PlaneDetector) -> Array:
+        """Return mass, first moment in the plane and moment about its normal, of each."""
+        return np.asarray(block_diag(*(detector.plane_of_body(body).basis for body in self.bodies)))
+
+
+def masses(names: Sequence[str], factor: Array) -> tuple[str, ...]:
+    """Return which of e independent numbers are links' masses, 'mass:arm', by their covariance factor (10 b, e)."""
+    found = [''] * factor.shape[1]
+    for name, row in zip(names, factor[::10], strict=True):
+        (columns,) = np.nonzero(row)
+        if len(columns) == 1:
+            found[columns[0]] = f'mass:{name}'
+    return tuple(found)
+
+
+def known_bodies(model: RobotModel, errors: KnownErrors) -> KnownBodies:
+    """Return the errors of known bodies as an unknown."""
+    names = _names(model, errors.bodies)
+    return KnownBodies(errors.factor, tuple(f'link:{name}' for name in names for _ in range(10)), errors.bodies)
+
+
+def _names(model: RobotModel, bodies: Sequence[int]) -> list[str]:
+    """Return the name of each body: that of its first link with mass."""
+    found = {link.body: link.name for link in reversed(model.links)}
+    found |= {link.body: link.name for link in reversed(model.links) if link.parameters[0] > 0.0}
+    return [found[body] for body in bodies]
+
+
+@dataclass(frozen=True)
+class TotalMass:
+    """The mass of the whole robot, weighed: of all bodies but the target, whose own part counts as declared."""
+
+    mass: float  # kg
+    std: float  # kg
+    with_target: bool = False  # whether all of the target is weighed as well, as before a capture
+
+
+def mistaken_masses(kernel: MomentumKernel) -> Iterator[Convention]:
+    """Yield links in a wrong unit: each, and all that move."""
+    links = [link for link in kernel.model.links if link.parameters[0] > 0.0]
+    # Of links fixed to each other.
+    heaviest = {link.body: link for link in sorted(links, key=lambda each: each.parameters[0])}
+    for link in heaviest.values():
+        if link.name not in {each.name for each in kernel.unknown}:
+            # A base in tonnes is an arm in grams: momentum and all masses may grow together.
+            for unit in _UNITS[: 1 if link.body == 0 else None]:
+                change = np.zeros_like(kernel.known)
+                change[link.body] = (1.0 / unit - 1.0) * kernel.known[link.body]
+                text = f'link {link.name} is {unit:g} times as heavy as it is: a wrong unit or body in the URDF?'
+                yield Convention(text, kernel.with_body_changes(change))
+    moving = ', '.join(link.name for link in kernel.model.links if link.body and link.parameters[0] > 0.0)
+    for unit in _UNITS:
+        change = (1.0 / unit - 1.0) * kernel.known
+        change[0] = 0.0
+        yield Convention(
+            f'the moving links ({moving}) are {unit:g} times as heavy as they are: a wrong unit?',
+            kernel.with_body_changes(change),
+        )
+
+
+def inertia(model: RobotModel) -> str:
+    """Return which link has an inertia that no body of its mass and the robot's size has; empty if none."""
+    masses = np.array([link.parameters[0] for link in model.links])
+    size = max(float(np.sum(np.linalg.norm(model.positions, axis=1))), 0.1)
+    for link, mass in zip(model.links, masses.tolist(), strict=True):
+        if mass <= 0.0 or mass < _HEAVY * float(masses.sum()):
+            continue
+        offset = link.parameters[1:4] / mass
+        trace = float(link.parameters[[4, 7, 9]].sum() - 2.0 * mass * offset @ offset)  # of the inertia about the CoM
+        if trace <= 1e-12 * mass:
+            return f"link '{link.name}' has {mass:.4g} kg and no inertia: correct it in the robot description"
+        radius = np.sqrt(0.5 * trace / mass)
+        if radius > _REACH * size:
+            return (
+                f"link '{link.name}' has {mass:.4g} kg and the inertia of a body of {radius:.3g} m: correct its "
+                '<inertia> in the robot description'
+            )
+    return ''
+
+
+def declared_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> KnownErrors:
+    """Return the errors that the parameters declare, body by body.
+
+    Raises ParameterError: A name is not that of a known link with mass.
+    """
+    unknown = {link.name for link in kernel.unknown}
+    massive = (link for link in kernel.model.links if link.parameters[0] > 0.0 and link.name not in unknown)
+    bodies = {link.name: link.body for link in massive}
+    own: dict[int, BodyDeviations] = {}
+    for name, given in config.links.items():
+        if name == kernel.target.name:
+            continue  # it has a prior of its own
+        if name not in bodies:
+            raise ParameterError(
+                f"parameter 'known_links.{name[:60]}' is of no known link with mass; accepted: {listing(bodies)}"
+            )
+        own[bodies[name]] = link_deviations(kernel.known[bodies[name]], config, given)
+    return independent_errors(kernel.known, config.relative_std, own)
+
+
+def link_deviations(body: Array, config: KnownLinksConfig, given: Mapping[str, float]) -> BodyDeviations:
+    """Return the declared deviations of a body (10,): those given by name, the others of the relative std."""
+    every = BodyDeviations.from_relative(body, config.relative_std)
+    return BodyDeviations(
+        given.get('mass_relative_std', every.mass),
+        given.get('com_std', every.com),
+        given.get('inertia_relative_std', every.inertia),
+    )

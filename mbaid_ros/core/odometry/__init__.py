@@ -1,0 +1,1 @@
+"""The odometry of the base: its messages, its errors, its faults."""

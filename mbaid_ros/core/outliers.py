@@ -1,0 +1,258 @@
+"""Outliers and repeated readings of any sensor: motion models, gates and channels."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Generic, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.samples import ArrayRecord, BaseStream, ImuStream, JointStream
+
+REPEATED_POSE = 'pose repeated'
+JOINTS_HELD = 'joint positions repeated under a new stamp'
+STILL = 1_000_000_000  # ns that the same reading has to last to be that of something at rest
+OUTLIER = 'pose far from those before and after'
+JOINT_OUTLIER = 'joint position far from those before and after'
+_FAR = 7.0  # standard deviations that no noise reaches: of a vector, one in 10^10
+_AROUND = 4.0  # times the largest misfit nearby: a motion that begins or ends is no outlier
+_BEFORE, _AFTER = 4, 3  # poses around suspicious ones
+_NEAR = 200_000_000  # ns: of poses further apart it is the motion that shows
+_LONGEST = 40  # suspicious poses in a row: more are no outliers, and nothing waits for longer
+_LATEST = 64  # misfits, whose lower quartile determines the scale of the next
+_UNDERSTATED = 10.0  # times as large as declared noise may be, as long as there are too few
+# A quarter of the vectors of three independent numbers of unit variance are shorter, and of single numbers smaller.
+_QUARTILE_OF_THREE, QUARTILE_OF_ONE = 1.10, 0.319
+Stream = TypeVar('Stream', BaseStream, JointStream, ImuStream)
+
+
+class Channels(NamedTuple):
+    """Channels of one kind: a position, an orientation, each joint."""
+
+    # from N readings to (N, c, w) numbers of c channels, which move along straight lines for a moment
+    values: Callable[[Any], Array]
+    size: float  # length of a change of a channel's numbers, per unit of the quantity
+    declared: Callable[[Any], Array]  # from N readings to the (N, c) standard deviations of the quantity
+    local: Callable[[Any], Array]  # from N readings to (N, c, k) coordinates about the first one
+    quartile: float = _QUARTILE_OF_THREE  # lower quartile of a channel's error, in its standard deviations
+
+
+@dataclass(frozen=True)
+class _ScoredReadings(ArrayRecord):
+    """Readings with whether each is suspicious (N,), and the scale (N, c) of its channels."""
+
+    readings: Any
+    suspicious: Flags
+    scale: Array
+
+
+def _joined(*parts: _ScoredReadings | None) -> _ScoredReadings:
+    return _ScoredReadings.concatenate([part for part in parts if part is not None])
+
+
+class Outliers(Generic[Stream]):
+    """Passes readings on, in order, without single outliers.
+
+    Parameters
+    ----------
+    maximum_gap : ns, between readings that are compared
+    channels : of the stream
+    cause : under which readings are counted
+
+    Attributes
+    ----------
+    dropped : readings that were not passed on
+    by_channel : how often each channel of one of these was far, by its number
+    """
+
+    def __init__(self, maximum_gap: int, channels: Sequence[Channels], cause: str = OUTLIER) -> None:
+        self._near = min(maximum_gap, _NEAR)
+        self._channels = channels
+        self._cause = cause
+        self._misfits: Array | None = None  # (_LATEST, c), the latest
+        self.by_channel: Counter[int] = Counter()
+        self._last: Stream | None = None  # the latest two
+        self._passed: _ScoredReadings | None = None  # the latest that were passed on
+        self._waiting: _ScoredReadings | None = None  # from a suspicious one on
+        self.dropped: Counter[str] = Counter()
+
+    @property
+    def waiting_since(self) -> int | None:
+        """Stamp (ns) of the first reading that waits; None if none does."""
+        return None if self._waiting is None else int(self._waiting.readings.stamp[0])
+
+    def push(self, stream: Stream | None) -> Stream | None:
+        """Add readings in the order of their stamps; return those passed on, None if there are none."""
+        if stream is None or not len(stream.stamp):
+            return None
+        judged = self._score(stream)
+        if self._waiting is None and not np.any(judged.suspicious):
+            self._passed = _joined(None if len(judged) >= _BEFORE else self._passed, judged)[-_BEFORE:]
+            return stream
+        joined = _joined(self._passed, self._waiting, judged)
+        begin = 0 if self._passed is None else len(self._passed)
+        passing, end = self._decide(joined, begin)
+        self.dropped[self._cause] += end - len(passing)
+        self._waiting = joined[end:] if end < len(joined) else None
+        self._passed = joined[np.array(passing[-_BEFORE:], dtype=np.intp)]
+        return joined.readings[np.array(passing[begin:], dtype=np.intp)] if len(passing) > begin else None
+
+    def _score(self, stream: Stream) -> _ScoredReadings:
+        """Return readings with their distance from where the two before lead to, compared with its scale."""
+        joined = stream if self._last is None else stream.concatenate((self._last, stream))
+        step = np.diff(joined.stamp)
+        first, second = step[:-1], step[1:]
+        ratio = (second / first)[:, None, None]
+        noise = np.sqrt(1.0 + (1.0 + ratio[:, 0]) ** 2 + ratio[:, 0] ** 2)
+        near = (np.maximum(first, second) <= self._near)[:, None]
+        columns = []
+        for channels in self._channels:
+            change = np.diff(channels.values(joined), axis=0)
+            away = np.sqrt(np.sum((change[1:] - ratio * change[:-1]) ** 2, axis=2))
+            columns.append(np.where(near, away / (channels.size * noise), 0.0))
+        after_two = np.concatenate(columns, axis=1)
+        misfit = np.concatenate((np.zeros((2, after_two.shape[1])), after_two))[-len(stream.stamp) :]
+        self._last = joined[-2:]
+        declared = np.concatenate([channels.declared(stream) for channels in self._channels], axis=1)
+        quartiles = [channels.quartile for channels in self._channels]
+        scale = np.maximum(declared, self._scale(misfit, declared, np.repeat(quartiles, [x.shape[1] for x in columns])))
+        return _ScoredReadings(stream, np.any(misfit > _FAR * scale, axis=1), scale)
+
+    def _scale(self, misfit: Array, declared: Array, quartile: Array) -> Array:
+        """Return the size (N, c) of misfits (N, c), each from the lower quartile of those before it.
+
+        The first ones have no more than the declared noise. An outlier is in three misfits: the median of a few with
+        many of them would be one of theirs.
+        """
+        if self._misfits is None:
+            self._misfits = np.repeat(_UNDERSTATED * declared[:1] * quartile, _LATEST, axis=0)
+        joined = np.concatenate((self._misfits, misfit))
+        self._misfits = joined[-_LATEST:]
+        before = sliding_window_view(joined[:-1], _LATEST, axis=0)
+        return np.asarray(np.partition(before, _LATEST // 4, axis=2)[..., _LATEST // 4] / quartile)
+
+    def _decide(self, judged: _ScoredReadings, begin: int) -> tuple[list[int], int]:
+        """Return the readings that pass, with those before `begin`, and the first one that has to wait."""
+        passing: list[int] = list(range(begin))
+        suspicious = [*(begin + np.flatnonzero(judged.suspicious[begin:])).tolist(), len(judged) + _LONGEST]
+        place: int = begin
+        while suspicious[0] < len(judged):
+            start = suspicious[0]
+            passing += range(place, start)
+            last = start
+            while suspicious[0] <= min(last + _AFTER, start + _LONGEST - 1):
+                last = suspicious.pop(0)
+            place = last + 1
+            if suspicious[0] <= last + _AFTER:
+                place = suspicious[0]
+                passing += range(start, place)
+            elif last + _AFTER >= len(judged):
+                return passing, start
+            else:
+                around = [*passing[-_BEFORE:], *range(place, place + _AFTER)]
+                far = self._far(judged, around, range(start, place))
+                passing += (index for index, out in zip(range(start, place), far, strict=True) if not out)
+        passing += range(place, len(judged))
+        return passing, len(judged)
+
+    def _far(self, judged: _ScoredReadings, around: list[int], members: range) -> Flags:
+        """Return which of some readings are far from a parabola through others around them."""
+        stamp = judged.readings.stamp
+        ends = np.clip(around, members[0], members[-1])
+        near = np.array(around)[np.abs(stamp[around] - stamp[ends]) <= _BEFORE * self._near]
+        if np.sum(near < members[0]) < 2 or np.sum(near > members[-1]) < 2:
+            return np.zeros(len(members), dtype=bool)
+        readings = judged.readings[near[0] : near[-1] + 1]
+        near, own = near - near[0], np.array(members) - near[0]
+        powers = ((readings.stamp - readings.stamp[own[0]]) * 1e-9)[:, None] ** np.arange(3)
+        solve = np.linalg.pinv(powers[near])
+        spread = np.sqrt(1.0 + np.sum((powers[own] @ solve) ** 2, axis=1))
+        columns = []
+        for channels in self._channels:
+            values = channels.local(readings)
+            fitted = np.tensordot(powers @ solve, values[near], axes=1)
+            columns.append(np.sqrt(np.sum((values - fitted) ** 2, axis=2)))
+        left = np.concatenate(columns, axis=1)
+        limit = np.maximum(_FAR * judged.scale[members[0]], _AROUND * np.max(left[near], axis=0))
+        each = left[own] > limit * spread[:, None]
+        self.by_channel.update({place: int(count) for place, count in enumerate(each.sum(axis=0)) if count})
+        return np.asarray(np.any(each, axis=1))
+
+
+class Repeats(Generic[Stream]):
+    """Passes the first of equal readings on, in order, and the others only if they last.
+
+    The result does not depend on how the stream is cut into calls.
+
+    Parameters
+    ----------
+    channels : of the stream
+    cause : under which readings are counted
+    together : whether the channels, two at least, change at once where a reading is held. An encoder with coarse steps
+        repeats readings, too, but its joints change at different times: nothing is dropped from then on
+
+    Attributes
+    ----------
+    dropped : readings that were not passed on
+    interval : s, between the latest two readings that differ
+    """
+
+    def __init__(self, channels: Sequence[Channels], cause: str = REPEATED_POSE, *, together: bool = False) -> None:
+        self._channels, self._cause, self._together = channels, cause, together
+        self._last: Stream | None = None  # latest reading
+        self._since = 0  # ns, when its value came
+        self._waiting: Stream | None = None  # those with its value, until it is known whether they pass
+        self._moving: Flags = np.zeros(1, dtype=bool)  # channels that have changed
+        self._apart = False  # whether some have changed without the others
+        self.interval = 0.0
+        self.dropped: Counter[str] = Counter()
+
+    @property
+    def waiting_since(self) -> int | None:
+        """Stamp (ns) of the first reading that waits; None if none does."""
+        return None if self._waiting is None else int(self._waiting.stamp[0])
+
+    def push(self, stream: Stream | None) -> Stream | None:
+        """Add readings in the order of their stamps; return those passed on, None if there are none."""
+        if stream is None or not len(stream.stamp):
+            return None
+        changed, first = self._changed(stream), self._last is None
+        if self._waiting is not None:
+            changed = np.pad(changed, ((len(self._waiting.stamp), 0), (0, 0)))
+            stream = stream.concatenate((self._waiting, stream))
+        new = np.any(changed, axis=1)
+        new[0] |= first
+        number = np.cumsum(new)  # of the value, 0 for that of the readings before
+        since = np.concatenate(([self._since], stream.stamp[new]))
+        until = since.copy()
+        until[number] = stream.stamp  # the last assignment stays: the latest stamp
+        passing = new | ((until - since >= STILL) | self._coarse(changed[new]))[number]
+        undecided = ~passing & (number == number[-1])
+        self.dropped[self._cause] += int(np.sum(~passing & ~undecided))
+        if len(since) > 1:
+            self.interval = 1e-9 * int(since[-1] - since[-2])
+        self._since, self._last = int(since[-1]), stream[-1:]
+        self._waiting = stream[undecided] if np.any(undecided) else None
+        return stream[passing] if np.any(passing) else None
+
+    def _changed(self, stream: Stream) -> Flags:
+        """Return which channels of N readings differ from those of the one before, (N, c)."""
+        joined = stream.concatenate((stream[:1] if self._last is None else self._last, stream))
+        values = [channel.values(joined) for channel in self._channels]
+        return np.concatenate([np.any(each[1:] != each[:-1], axis=2) for each in values], axis=1)
+
+    def _coarse(self, changes: Flags) -> Flags:
+        """Return for the value before each of G changes (G, c), and the one after them, whether its repeats are new."""
+        if not self._together:
+            return np.zeros(len(changes) + 1, dtype=bool)
+        before = np.broadcast_to(self._moving, (1, changes.shape[1]))
+        moving: Flags = np.logical_or.accumulate(np.concatenate((before, changes)))
+        apart = np.any(moving[:-1] & ~changes, axis=1) & np.any(changes, axis=1)
+        apart = np.logical_or.accumulate(np.append(apart, False)) | self._apart
+        self._moving, self._apart = moving[-1], bool(apart[-1])
+        # One channel by itself: as well one with coarse steps.
+        return np.asarray(apart | np.append(np.sum(changes, axis=1) < 2, False))

@@ -1,0 +1,1 @@
+"""Passive joints, which springs hold and no encoder reads."""

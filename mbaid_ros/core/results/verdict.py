@@ -1,0 +1,269 @@
+"""The status of an estimate, its reasons and warnings: the one place that decides them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, Integers, chi_square_limit
+from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Status
+
+Severity = Literal['note', 'contradiction', 'conflict']
+SENSORS = ('base_orientation', 'base_position', 'base_angular_velocity', 'base_linear_velocity', 'imu')
+# Mean normalised innovation squared, of all or of one sensor, from which the model is wrong, the run not just unlucky.
+LARGEST_NIS = 1.5
+# Standard deviations from which a deviation of the innovations is no accident: one in a billion.
+_SIGNIFICANT = 6.0
+# Correlation of neighbouring windows from which the noise is not white enough for the intervals.
+_LARGEST_CORRELATION = 0.25
+# A declaration is wrong where the data see a thing farther off than chance allows, both as declared and at twice that;
+# from the third chance on it is a cause, if anything is wrong.
+_NEVER, _NOT_TWICE, _RARELY = 1e-7, 1e-4, 1e-5
+MOST_JUMPS = 3  # of the momentum: from more on the model is wrong rather than the run unlucky
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Why an estimate is to be read with care, as a stage returns it."""
+
+    text: str  # one line: the fault, the value, the remedy
+    # 'note' is a warning alone. 'contradiction', of the data with the model, makes an estimate inconsistent; one
+    # without parameters stays so, WITHHELD. 'conflict', of two stages or two sensors, makes any inconsistent
+    severity: Severity = 'note'
+    # log-likelihood, where the text is a cause as well: it comes first, that of a note only if anything is wrong
+    gain: float | None = None
+
+
+def status_of(*, determined: bool, precise: bool) -> Status:
+    """Return the status of a solution that nothing contradicts.
+
+    Parameters
+    ----------
+    determined : whether the data determine any parameter
+    precise : whether every determined parameter is as precise, or as steady, as the method's threshold asks
+    """
+    if not determined:
+        return 'not_identifiable'
+    return 'converged' if precise else 'estimating'
+
+
+def with_reasons(estimate: Estimate, reasons: Sequence[Reason]) -> Estimate:
+    """Return an estimate with the status, warnings and causes that further reasons lead to."""
+    if not reasons:
+        return estimate
+    status, causes, warnings = estimate.status, estimate.causes, [*estimate.warnings]
+    withheld = 0
+    for reason in reasons:
+        warnings.append(reason.text)
+        if reason.severity == 'contradiction' and status == 'not_identifiable':
+            withheld = len(warnings)
+        elif reason.severity != 'note':
+            status = 'inconsistent'
+        if reason.gain is not None and (causes or status == 'inconsistent'):
+            causes = ((reason.text, reason.gain), *causes)
+    if withheld:
+        warnings.insert(withheld, WITHHELD)
+    return replace(estimate, status=status, causes=causes, warnings=tuple(warnings))
+
+
+def notes(texts: Sequence[str]) -> list[Reason]:
+    """Return reasons that are warnings alone."""
+    return [Reason(text) for text in texts]
+
+
+@dataclass(frozen=True, eq=False)
+class Innovations:
+    """Sums over the windows of a run, of each of the m numbers that may be measured.
+
+    These are k of the pose, angular ones first, k of the twist, and those that a gyro measures.
+    """
+
+    angular: int  # how many of the k are angular: three, or one in a plane
+    # sums, counts: (2, m) of the normalised innovations squared, and of the products of those of neighbouring windows
+    sums: Array
+    counts: Array
+    previous: Array  # (m,) those of the last window; NaN if not measured
+
+    @staticmethod
+    def none(poses: int) -> Innovations:
+        """Return the sums before the first window, of k = 6 pose measurements, or 3 in a plane."""
+        angular = 3 if poses > 3 else 1
+        nothing = np.zeros((2, 2 * poses + angular))
+        return Innovations(angular, nothing, nothing, np.full(nothing.shape[1], np.nan))
+
+    def with_window(self, normalised: Array, places: Integers) -> Innovations:
+        """Return the sums with a window's normalised innovations (w,), which are of the numbers at some places."""
+        latest = np.full(len(self.previous), np.nan)
+        latest[places] = normalised
+        products = np.array((latest, self.previous)) * latest
+        known = np.isfinite(products)
+        return Innovations(self.angular, self.sums + np.where(known, products, 0.0), self.counts + known, latest)
+
+    @cached_property
+    def _of_sensors(self) -> tuple[Array, Array]:
+        """Sums and counts, (2, 5) each, in the order of SENSORS."""
+        poses = (len(self.previous) - self.angular) // 2
+        ends = (0, self.angular, poses, poses + self.angular, 2 * poses)
+        sums, counts = np.add.reduceat(np.array((self.sums, self.counts)), ends, axis=2)
+        return sums, counts
+
+    @property
+    def count(self) -> Array:
+        """How many innovations of each sensor there were, (5,)."""
+        return self._of_sensors[1][0]
+
+    @property
+    def pairs(self) -> Array:
+        """How many pairs of neighbouring windows' innovations of each sensor there were, (5,)."""
+        return self._of_sensors[1][1]
+
+    @cached_property
+    def ratio(self) -> Array:
+        """Mean normalised innovation squared of each sensor, (5,): 1 for noise as declared; NaN without any."""
+        return np.where(self.count > 0.0, self._of_sensors[0][0] / np.maximum(self.count, 1.0), np.nan)
+
+    @cached_property
+    def ratio_significance(self) -> Array:
+        """By how many of its standard deviations, sqrt(2 / n), each ratio exceeds 1, (5,)."""
+        return (self.ratio - 1.0) * np.sqrt(0.5 * self.count)
+
+    @cached_property
+    def correlation(self) -> Array:
+        """Covariance of neighbouring windows' innovations in units of the declared noise, (5,); NaN without any.
+
+        0 where the noise is white. Innovations far below the declared noise do not matter.
+        """
+        return np.where(self.pairs > 0.0, self._of_sensors[0][1] / np.maximum(self.pairs, 1.0), np.nan)
+
+    @cached_property
+    def correlation_significance(self) -> Array:
+        """How many of its standard deviations, the ratio over sqrt(n), each of these is, (5,)."""
+        return self.correlation / np.maximum(self.ratio, 1.0) * np.sqrt(self.pairs)
+
+
+class Distance(NamedTuple):
+    """How far from zero the data see numbers: chi-square as declared, and if twice as far off; degrees of freedom."""
+
+    square: float
+    twice: float
+    degrees: int
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A candidate cause, and its gain in log-likelihood."""
+
+    text: str
+    gain: float
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The evidence of a run for its model."""
+
+    nis: float  # normalised innovation squared, a mean over all numbers measured: 1 for noise as declared
+    innovations: Innovations  # by sensor, and from window to window
+    # by declared thing, in words, how far off the data see it beside its prior, if nothing drifts
+    distances: Mapping[str, Distance]
+    # jumps, unconfirmed: of the momentum: how many, and the times, s, of those that may be something else yet
+    jumps: int
+    unconfirmed: tuple[float, ...]
+    # hypothesis, physical: the reported one, empty if undisturbed; whether it has a mechanism
+    hypothesis: str
+    physical: bool
+    gain: float  # log-likelihood of that hypothesis over the first
+    # the part of the robot that, further off than declared, gains most without a force; and its gain
+    instead: tuple[str, float]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether the model explains the data."""
+
+    adequate: bool  # whether it does
+    reasons: tuple[str, ...]  # why not, one line each
+    causes: tuple[Cause, ...]  # the likeliest first; also of a model that does, where something is suspicious
+    widening: float  # factor for the published covariance
+
+    def with_cause(self, cause: Cause) -> Verdict:
+        """Return the same with one more cause in its place, which is a reason, too; one that is there counts once."""
+        others = [each for each in self.causes if each.text != cause.text]
+        causes = tuple(sorted((*others, cause), key=lambda each: -each.gain))
+        return replace(self, causes=causes, reasons=(*self.reasons, cause.text))
+
+
+def judge(evidence: Evidence) -> Verdict:
+    """Return the verdict on a run."""
+    innovations, reasons = evidence.innovations, []
+    if evidence.nis > LARGEST_NIS or evidence.jumps > MOST_JUMPS:
+        reasons.append(
+            f'the model does not explain the data: innovations {np.sqrt(evidence.nis):.1f} times the noise, '
+            f'{evidence.jumps} jumps of the momentum'
+        )
+    elif np.any((innovations.ratio > LARGEST_NIS) & (innovations.ratio_significance > _SIGNIFICANT)):
+        reasons.append('the noise of a sensor is not as declared')
+    if evidence.unconfirmed:
+        times = ', '.join(f'{time:.1f}' for time in evidence.unconfirmed)
+        reasons.append(f'the momentum seems to jump at {times} s: the next windows show whether it was an impulse')
+    if not evidence.physical:
+        reasons.append(f'{evidence.hypothesis}: a random walk fits any data, so do not trust the numbers')
+    what, gain = evidence.instead
+    if evidence.hypothesis and evidence.physical and gain > evidence.gain:
+        reasons.append(f'{evidence.hypothesis}, or {what} is declared too precisely: so far the data agree with either')
+    correlated = (innovations.correlation > _LARGEST_CORRELATION) & (
+        innovations.correlation_significance > _SIGNIFICANT
+    )
+    if np.any(correlated):
+        reasons.append('the innovations of neighbouring windows are correlated: the intervals would be too narrow')
+    far = [what for what, distance in evidence.distances.items() if _too_far(distance)]
+    if far:
+        reasons.append(f'the robot deviates from its description by more than declared: {", ".join(far)}')
+    return Verdict(not reasons, tuple(reasons), _causes(evidence), widening(innovations, evidence.nis))
+
+
+def _too_far(distance: Distance) -> bool:
+    square, twice, degrees = distance
+    return degrees > 0 and square > chi_square_limit(_NEVER, degrees) and twice > chi_square_limit(_NOT_TWICE, degrees)
+
+
+def widening(innovations: Innovations, nis: float) -> float:
+    """Return by how much variances grow: innovations larger than declared, and correlated from window to window.
+
+    The variance of a mean of correlated numbers is 1 + 2 (r_1 + r_2 + ...) times as large (Newey and West 1987); with
+    r_k = r^k that is (1 + r) / (1 - r).
+    """
+    significant = innovations.correlation_significance > 0.5 * _SIGNIFICANT
+    correlation = float(np.max(np.where(significant, innovations.correlation, 0.0)))
+    correlation = min(max(correlation, 0.0), 0.9)
+    return max(1.0, nis) * (1.0 + correlation) / (1.0 - correlation)
+
+
+def _causes(evidence: Evidence) -> tuple[Cause, ...]:
+    """Return the candidate causes, the likeliest first."""
+    causes = [
+        Cause(f'{what} is further off than declared: check it, or raise its standard deviation', 0.5 * square)
+        for what, (square, _, degrees) in evidence.distances.items()
+        if degrees and square > chi_square_limit(_RARELY, degrees)
+    ]
+    innovations = evidence.innovations
+    for place, sensor in enumerate(SENSORS):
+        ratio, count = float(innovations.ratio[place]), float(innovations.count[place])
+        if innovations.ratio_significance[place] > _SIGNIFICANT:
+            gain = 0.5 * count * (ratio - 1.0 - np.log(ratio))
+            parameter = 'imu.noise_density' if sensor == 'imu' else f'noise.{sensor}'
+            causes.append(Cause(f'{parameter} is {np.sqrt(ratio):.1f} times too small, or the model is wrong', gain))
+        correlation = float(innovations.correlation[place])
+        if innovations.correlation_significance[place] > _SIGNIFICANT:
+            relative = correlation / max(ratio, 1.0)
+            gain = -0.5 * float(innovations.pairs[place]) * np.log(max(1.0 - relative**2, 1e-3))
+            causes.append(Cause(f'the noise of {sensor} is correlated over more than a window', gain))
+    if evidence.hypothesis and evidence.physical:
+        causes.append(Cause(evidence.hypothesis, evidence.gain))
+    causes.sort(key=lambda cause: -cause.gain)
+    # A walk gains more than anything else could, and names nothing: it comes last.
+    walk = [Cause(evidence.hypothesis, evidence.gain)] if evidence.hypothesis and not evidence.physical else []
+    return (*causes, *walk)

@@ -1,1 +1,0 @@
-"""From readings to synchronised samples: streams, frames, noise, outliers."""

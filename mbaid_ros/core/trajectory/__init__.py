@@ -1,1 +1,0 @@
-"""The trajectory-level estimator: the conservation law integrated and matched to the measured poses."""

@@ -1,1 +1,0 @@
-"""Everything that is uncertain beside the pose: one file each, declared once, listed in `session/catalogue.py`."""

@@ -1,0 +1,252 @@
+"""A bag through the estimator's core, or through its intake alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from mbaid_ros.bags import BAG_TYPES, BagReader, BagWriter, Batch
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.capture import Capture
+from mbaid_ros.core.filter.posterior import Posterior
+from mbaid_ros.core.pipeline import Estimator
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.samples import Samples, stamps_of
+from mbaid_ros.core.target import Debris
+from mbaid_ros.core.tasks import Method
+from mbaid_ros.errors import DataError
+from mbaid_ros.estimate_messages import Frames, Publications
+from mbaid_ros.parameters import values_of
+from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.replay.results import Arrivals, History, Run, TopicStatistics
+from mbaid_ros.session.explanation import intake_warnings, missing_joints
+from mbaid_ros.session.session import Session
+
+ESTIMATE_TOPIC = '/estimator/estimate'
+_DEBRIS = '/estimator/debris'
+
+# How the calls are spread does not change the numbers; this many messages keep the arrays long and the memory short.
+_MESSAGES_AT_ONCE = 4_000
+_BROKEN = 3.0  # times longer or shorter than its stamps, from which a recording's times are wrong, not just played fast
+
+# Called now and then with the number of messages read and that of all.
+Progress = Callable[[int, int], None]
+
+
+def feed(bag: BagReader, inputs: Inputs, add: Callable[[Batch], None], progress: Progress | None) -> Iterator[None]:
+    """Hand over a bag's messages; yield where it is time to work through them, the last time at the end.
+
+    Raises DataError: The bag lacks a topic, or has it with another type.
+    """
+    topics = inputs.topics(bag)
+    total = sum(bag.topics[topic].count for topic in topics)
+    count = done = 0
+    for part in bag.read_packed(topics, _MESSAGES_AT_ONCE):
+        add(part)
+        count += len(part)
+        if count - done >= _MESSAGES_AT_ONCE:
+            done = count
+            yield
+            if progress:
+                progress(count, total)
+    if not count and inputs.sliced:
+        until = '' if inputs.end == np.inf else f' until {inputs.end:g} s'
+        raise DataError(f"bag '{bag.path}' holds no messages from {inputs.start:g} s on{until}")
+    yield
+    if progress:
+        progress(total, total)
+
+
+@contextmanager
+def progress_bar(bag: str) -> Iterator[Progress]:
+    """Show a bar on a terminal, nothing when piped."""
+    with tqdm(desc=Path(bag).name, unit=' messages', disable=None, leave=False) as bar:
+
+        def advance(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        yield advance
+
+
+class EstimateWriter:
+    """Writes estimates into an open bag, with the messages and names of the estimator node.
+
+    `with_debris` declares the topic of the captured body alone, too.
+    """
+
+    def __init__(self, bag: BagWriter, *, with_debris: bool = False) -> None:
+        self._bag, self._publications = bag, Publications(BAG_TYPES)
+        for topic in (ESTIMATE_TOPIC, _DEBRIS) if with_debris else (ESTIMATE_TOPIC,):
+            bag.add_topic(topic, 'mbaid_msgs/msg/InertiaEstimate', latched=True)
+        bag.add_topic('/estimator/inertia', 'geometry_msgs/msg/InertiaStamped', latched=True)
+
+    def write(
+        self, estimate: Estimate, frames: Frames, alone: Debris | None = None, capture: Capture | None = None
+    ) -> None:
+        """Write an estimate at the stamp of the last sample it uses, and the captured body alone where it is given."""
+        for name, message in self._publications.messages_of(estimate, frames, alone, capture):
+            self._bag.write(f'/estimator/{name}', message, max(0, estimate.stamp))
+
+
+def replay_bag(
+    path: str,
+    config: EstimatorConfig,
+    urdf: str,
+    inputs: Inputs,
+    *,
+    writer: EstimateWriter | None = None,
+    progress: Progress | None = None,
+    before: Run | None = None,
+) -> Run:
+    """Send a bag's messages through a session and return the result; a writer gets every estimate.
+
+    Of a run before, it goes on from the posterior.
+
+    Raises DataError: The bag cannot be read, or lacks a topic.
+    Raises ModelError, ParameterError: The robot or the parameters cannot be used.
+    """
+    known = None if before is None or before.posterior is None else before.posterior.continuation
+    session = Session(config, urdf, before=known)
+    robot = session.robot
+    history = History()
+    with BagReader(path, inputs.start, inputs.end) as bag:
+        inputs = inputs.resolved(bag)
+        intake = _Intake(session, inputs, inputs.topics(bag))
+        for _ in feed(bag, inputs, intake.add, progress):
+            _keep(session.process(), session, history, writer)
+        _keep(session.finish(), session, history, writer)
+        topics = intake.statistics(bag)
+        model_summary = session.model_summary()
+        warnings = (*bag.warnings, *intake.warnings, *model_summary.warnings, *intake_warnings(session))
+    posterior = session.posterior()
+    final = history.last or Estimate(method=config.method, status='waiting')
+    return Run(
+        bag=path,
+        target_link=robot.target_link,
+        final=final,
+        history=history.entries(),
+        topics=topics,
+        used=session.used,
+        dropped=dict(session.dropped),
+        missing_joints=missing_joints(session),
+        model_summary=model_summary,
+        warnings=warnings,
+        urdf=robot.urdf,
+        settings=values_of(config),
+        debris=robot.debris(history.last) if history.last else None,
+        phase=robot.phase,
+        capture=robot.captured(history.last) if history.last else None,
+        posterior=posterior,
+        advice='' if posterior is None or final.contradicted else _advice(config, posterior),
+    )
+
+
+def _advice(config: EstimatorConfig, posterior: Posterior) -> str:
+    """Return the motion that would help most."""
+    from mbaid_ros.session.planning import advice  # noqa: PLC0415 - takes a while, and many a run ends without it
+
+    return advice(config, posterior)
+
+
+class _Intake:
+    """Hands messages to the session and gathers their statistics."""
+
+    def __init__(self, session: Session, inputs: Inputs, topics: tuple[str, ...]) -> None:
+        self._session = session
+        self._inputs = inputs
+        self._arrivals = {topic: Arrivals() for topic in topics}
+        self._stamped = {topic: Arrivals() for topic in (inputs.joint_states, inputs.odometry)}  # by header stamps
+        self.warnings: list[str] = []
+
+    def add(self, messages: Batch) -> None:
+        """Take messages."""
+        self._inputs.add_to(self._session, messages)
+        for topic, times in messages.times.items():
+            self._arrivals[topic].add(times)
+        joints = messages.on_topic(self._inputs.joint_states)
+        poses = self._session.base_source.poses(messages.on_topic(self._inputs.odometry))
+        self._stamped[self._inputs.joint_states].add(stamps_of(joints))
+        self._stamped[self._inputs.odometry].add(stamps_of(poses))
+
+    def statistics(self, bag: BagReader) -> tuple[TopicStatistics, ...]:
+        """Return the statistics of each topic, by header stamps where the bag's times of recording cannot be."""
+        for topic, stamped in self._stamped.items():
+            span = self._arrivals[topic].span if topic in self._arrivals else stamped.span
+            if stamped.span > 0.0 and not 1.0 / _BROKEN < span / stamped.span < _BROKEN:
+                self.warnings.append(
+                    f'the messages on {topic} were recorded within {span:.3g} s, by their stamps they last '
+                    f'{stamped.span:.3g} s: rates are by the stamps'
+                )
+                self._arrivals = self._arrivals | self._stamped
+        return tuple(
+            arrivals.statistics(topic, bag.topics[topic].type, self._count(bag, topic))
+            for topic, arrivals in self._arrivals.items()
+        )
+
+    def _count(self, bag: BagReader, topic: str) -> int:
+        return self._arrivals[topic].count if self._inputs.sliced else bag.topics[topic].count
+
+
+def _keep(estimates: Sequence[Estimate], session: Session, history: History, writer: EstimateWriter | None) -> None:
+    robot = session.robot
+    for estimate in estimates:
+        history.add(estimate)
+        if writer:
+            writer.write(estimate, session.frames, robot.debris(estimate), robot.captured(estimate))
+
+
+@dataclass(frozen=True)
+class BagMotions:
+    """The motions in a bag, as the windows that a calibration takes."""
+
+    bag: str  # path as the user gave it
+    runs: tuple[list[Samples], ...]  # motions, each as windows; stamps that jump back begin another one
+    warnings: tuple[str, ...]  # of bag, intake and data, one line each
+    heard: tuple[str, ...] = ()  # joints that the messages name
+
+
+class _Collector(Method):
+    """A method that keeps the windows; its estimates hold no numbers and carry the notes on the data."""
+
+    method = 'calibration'
+    needs_rates = False
+
+    def __init__(self) -> None:
+        self.windows: list[Samples] = []
+
+    def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
+        """Take closed windows."""
+        self.windows += windows
+        last = float(windows[-1].time[-1])
+        return [Estimate(self.method, 'estimating', time=last, stamp=origin + round(last * 1e9))]
+
+
+def read_motions(path: str, config: EstimatorConfig, urdf: str, inputs: Inputs) -> BagMotions:
+    """Return the motions in a bag, through the same intake as an estimator's, with a progress bar.
+
+    Raises DataError: The bag cannot be read, or lacks a topic.
+    Raises ModelError, ParameterError: The robot or the parameters cannot be used.
+    """
+    collectors: list[_Collector] = []
+
+    def collect(*_given: object) -> Estimator:
+        collectors.append(_Collector())
+        return collectors[-1]
+
+    session = Session(config, urdf, collect)
+    notes: tuple[str, ...] = ()
+    with progress_bar(path) as progress, BagReader(path, inputs.start, inputs.end) as bag:
+        resolved = inputs.resolved(bag)
+        for _ in feed(bag, resolved, lambda messages: resolved.add_to(session, messages), progress):
+            estimates = session.process()
+            notes = estimates[-1].warnings if estimates else notes
+        session.finish()
+        warnings = (*bag.warnings, *notes, *intake_warnings(session))
+    runs = tuple(collector.windows for collector in collectors if collector.windows)
+    return BagMotions(path, runs, tuple(dict.fromkeys(warnings)), tuple(session.intake.joint_reader.heard))

@@ -1,0 +1,172 @@
+"""A sliding window solved again, older windows marginalised, and tests of a constant momentum."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from linear_problems import EQUATIONS, TRUE, UNKNOWNS, linear_blocks, noisy_blocks
+from mbaid_ros.core.difference.likelihood import (
+    Blocks,
+    Linearisation,
+    MarginalisedPrior,
+    NormalSums,
+    SlidingWindow,
+    maximum_likelihood,
+)
+from mbaid_ros.core.difference.weighted import Conservation, momentum_jumps, noise_covariance
+from mbaid_ros.core.geometry import Array
+
+PRIOR = 1e-6 * np.eye(UNKNOWNS)
+TYPICAL = np.full(UNKNOWNS, 10.0)
+
+
+def slid(blocks: Blocks, length: int) -> SlidingWindow:
+    likelihood = SlidingWindow(PRIOR, length, TYPICAL)
+    for k in range(len(blocks)):
+        likelihood.add(blocks[k : k + 1])
+    return likelihood
+
+
+def maximum(blocks: Blocks) -> Array:
+    """Return the maximum of the likelihood with the prior, by many full steps from the truth."""
+    x = TRUE
+    for _ in range(30):
+        linear = maximum_likelihood(blocks, x)
+        x = x - np.linalg.solve(linear.information + PRIOR, linear.gradient + PRIOR @ x)
+    return x
+
+
+def deviations(error: Array, information: Array) -> float:
+    return float(np.sqrt(error @ information @ error))
+
+
+def test_all_windows_lead_to_the_maximum() -> None:
+    blocks = noisy_blocks(30, 0)
+    likelihood = slid(blocks, 100)
+    best = maximum(blocks)
+    information = maximum_likelihood(blocks, best).information
+    # Steps end at a thousandth of a standard deviation.
+    assert deviations(likelihood.x - best, information) < 2e-3
+
+
+@pytest.mark.parametrize('length', [2, 5, 20])
+def test_marginalising_a_linear_problem_changes_nothing(length: int) -> None:
+    blocks = linear_blocks(40, 1)
+    likelihood = slid(blocks, length)
+    information, right_side = NormalSums(blocks, TRUE).weighted(compensate=False)
+    assert likelihood.x == pytest.approx(np.linalg.solve(information + PRIOR, right_side), rel=1e-7)
+    # Its form around the solution is that of all windows.
+    linear = likelihood.add(linear_blocks(1, 2))
+    both = maximum_likelihood(Blocks.concatenate([blocks, linear_blocks(1, 2)]), likelihood.x)
+    assert linear.information == pytest.approx(both.information + PRIOR, rel=1e-6)
+    assert linear.cost == pytest.approx(both.cost, rel=1e-6)
+    assert linear.equations == both.equations
+
+
+def test_an_unidentifiable_direction_stays_at_the_prior() -> None:
+    blocks = noisy_blocks(30, 8)
+    # The third unknown appears in no equation.
+    rows, noise_rows = blocks.rows.copy(), blocks.noise_rows.copy()
+    rows[..., 2], noise_rows[..., 2] = 0.0, 0.0
+    likelihood = slid(Blocks(rows, blocks.offset, blocks.noise, noise_rows), 10)
+    assert np.isfinite(likelihood.x).all()
+    assert likelihood.x[2] == pytest.approx(0.0, abs=1e-9)
+
+
+NOTHING = np.zeros((UNKNOWNS, UNKNOWNS))
+FLOOR = 1e-9 * np.eye(UNKNOWNS)
+
+
+def test_what_is_less_than_the_noise_does_not_count() -> None:
+    """Compensated sums may be negative where nothing is excited: no cost may fall without limit there."""
+    past = MarginalisedPrior(FLOOR)
+    signal, own = np.diag([100.0, 10.0, 0.5, -3.0]), np.diag([1.0, 1.0, 1.0, 5.0])
+    best = np.array([1.0, 2.0, 3.0, 4.0])
+    past.add(Linearisation(cost=7.0, gradient=-signal @ best, information=signal, equations=6), own, np.zeros(4))
+    assert past.information == pytest.approx(np.diag([100.0, 10.0, 0.0, 0.0]), abs=1e-9)
+    assert past.right_side == pytest.approx([100.0, 20.0, 0.0, 0.0], abs=1e-9)
+    assert past.cost(np.array([1.0, 2.0, 1e9, -1e9])) == past.cost(np.array([1.0, 2.0, 0.0, 0.0]))
+    # It is not lost either: with more of it, it counts.
+    past.add(
+        Linearisation(cost=0.0, gradient=-9.5 * best, information=9.5 * np.eye(4), equations=6), NOTHING, NOTHING[0]
+    )
+    assert np.diag(past.information)[:3] == pytest.approx([109.5, 19.5, 10.0])
+
+
+MOMENTUM = slice(2, UNKNOWNS)
+JUMP = np.array([1.0, -0.7])
+LOOSE = 1e-6 * np.eye(UNKNOWNS)
+
+
+def after_tests(blocks: Blocks, length: int, columns: Array | None = None) -> tuple[SlidingWindow, Conservation]:
+    """Return what becomes of all blocks, which are half a second long."""
+    columns = np.zeros((len(blocks), EQUATIONS, 0)) if columns is None else columns
+    window = SlidingWindow(LOOSE, length, np.full(UNKNOWNS, 10.0), columns.shape[-1])
+    test = Conservation(MOMENTUM)
+    for k in range(len(blocks)):
+        window.add(blocks[k : k + 1], columns[k : k + 1])
+        covariance = noise_covariance(window.linear.information)
+        test.update(window, 0.5 * k, covariance, window.cross_information.surplus(covariance))
+    return window, test
+
+
+def jumped(blocks: Blocks, place: int, jump: Array) -> Blocks:
+    """Return the blocks with a momentum that jumps before one of them."""
+    change = (np.arange(len(blocks)) >= place)[:, None] * jump
+    offset = blocks.offset - (blocks.rows[..., MOMENTUM] @ change[..., None])[..., 0]
+    return Blocks(blocks.rows, offset, blocks.noise, blocks.noise_rows)
+
+
+def cost(rows: Array, offset: Array, noise: Array) -> tuple[float, Array]:
+    """Return the least weighted sum of squares of linear equations, with the prior, and where it is."""
+    white = np.linalg.inv(np.linalg.cholesky(noise @ np.swapaxes(noise, 1, 2)))
+    unknowns = rows.shape[-1]
+    flat, right = (white @ rows).reshape(-1, unknowns), -(white @ offset[..., None]).reshape(-1)
+    information = flat.T @ flat + 1e-6 * np.diag(np.arange(unknowns) < UNKNOWNS)
+    x = np.linalg.solve(information, flat.T @ right)
+    return float(right @ right - x @ information @ x), x
+
+
+@pytest.mark.parametrize('length', [20, 100])
+def test_falls_and_jumps_are_those_of_a_solution_with_a_jump(length: int) -> None:
+    blocks = jumped(linear_blocks(40, 1), 30, JUMP)
+    window, _ = after_tests(blocks, length)
+    falls, changes = momentum_jumps(window, MOMENTUM, noise_covariance(window.linear.information))
+    plain, _ = cost(blocks.rows, blocks.offset, blocks.noise)
+    first = len(blocks) - len(window.windows)
+    for place in (first + 1, 30, 39):
+        after = (np.arange(len(blocks)) >= place)[:, None, None] * blocks.rows[..., MOMENTUM]
+        with_jump, x = cost(np.concatenate((blocks.rows, after), axis=2), blocks.offset, blocks.noise)
+        assert falls[place - first - 1] == pytest.approx(plain - with_jump, rel=1e-5)
+        assert changes[place - first - 1] == pytest.approx(x[UNKNOWNS:], rel=1e-5)
+
+
+def test_a_jump_is_found_at_once_where_and_how_large_it_is() -> None:
+    blocks = jumped(linear_blocks(60, 2), 30, 3.0 * JUMP)
+    assert after_tests(blocks[:30], 20)[1].jump is None
+    at_once, later = after_tests(blocks[:32], 20)[1].jump, after_tests(blocks, 20)[1].jump
+    assert at_once is not None
+    assert later is not None
+    assert later.time == 15.0
+    assert later.value == pytest.approx(3.0 * JUMP, abs=0.2)
+
+
+@pytest.mark.parametrize('seed', range(10, 14))
+def test_nothing_is_found_where_nothing_is(seed: int) -> None:
+    _, test = after_tests(noisy_blocks(200, seed, 0.2, 0.05), 30)
+    assert test.jump is None
+    assert not test.excessive
+    # The windows' normalised innovations squared: 190 of them, of two numbers each.
+    assert test.mean == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / 380.0))
+
+
+def test_innovations_that_noise_does_not_explain() -> None:
+    blocks = linear_blocks(100, 3)
+    noise = blocks.offset + blocks.rows @ TRUE
+    louder = Blocks(blocks.rows, blocks.offset + noise, blocks.noise, blocks.noise_rows)
+    _, test = after_tests(louder, 30)
+    assert test.excessive
+    assert test.mean == pytest.approx(4.0, abs=1.0)
+    # Louder everywhere is no jump.
+    assert test.jump is None

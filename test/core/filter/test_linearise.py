@@ -1,0 +1,201 @@
+"""A window of the error chain: exact on exact data, linear in the state, and as noisy as it claims."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+from scipy.signal import lfilter
+
+from checked import central_difference
+from floating import true_momentum
+from mbaid_ros.core.clocks import time_offset
+from mbaid_ros.core.contracts import Stack
+from mbaid_ros.core.filter.linearise import predict
+from mbaid_ros.core.geometry import Array, exp, rotate
+from mbaid_ros.core.joints.model import joint_gains
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.state import POSE, Layout, Point
+from mbaid_ros.core.windows import BEFORE, Knots, midpoints
+from mbaid_ros.simulation.simulation import Truth
+from observed import MID, drifting, kernel, observe
+from windowed import JOINT, LENGTH, residuals, window_model, window_of
+
+SWAP = np.array([3, 4, 5, 0, 1, 2])
+PARAMETERS, DELAY = slice(6, 22), 22  # of a state whose only unknown is the delay, in seconds
+
+
+@pytest.fixture(scope='module')
+def robot() -> Layout:
+    return Layout.from_unknowns(kernel('servicer7'), (time_offset(1.0),))
+
+
+@pytest.fixture(scope='module')
+def exact(servicer: Truth) -> Samples:
+    """Return exact samples of a servicer that tumbles and drifts."""
+    return observe(drifting(servicer, np.array([0.02, -0.01, 0.03])), MID)
+
+
+@pytest.fixture(scope='module')
+def point(robot: Layout, exact: Samples) -> Array:
+    """Return the true parameters, (P, L) about the odometry origin."""
+    return np.concatenate((true_momentum(robot.kernel, exact)[0], robot.kernel.target.parameters))
+
+
+def state(point: Array, error: Array | None = None, delay: float = 0.0) -> Array:
+    x = np.zeros(len(point) + 7)
+    x[POSE] = 0.0 if error is None else error
+    x[PARAMETERS], x[DELAY] = point, delay
+    return x
+
+
+def at(robot: Layout, point: Array, delay: float = 0.0) -> Point:
+    return robot.point(state(point, delay=delay))
+
+
+@pytest.mark.parametrize('correlation_time', [0.0, 0.3])
+def test_exact_data_leave_nothing(robot: Layout, exact: Samples, point: Array, correlation_time: float) -> None:
+    windows = [window_of(exact, spacing, correlation_time) for spacing in (0.1, 0.05)]
+    found = [residuals(window_model(robot, window, at(robot, point)), state(point)) for window in windows]
+    sizes = np.array([[np.abs(part).max() for part in parts] for parts in found])
+    # A hundredth of the standard deviation that any of them has at the lowest noise, 1e-6.
+    assert np.all(sizes[1] < 1e-8)
+    assert np.all(sizes[1] < sizes[0] / 3.0)
+
+
+@pytest.mark.parametrize('correlation_time', [0.0, 0.3])
+def test_parameters_act_as_the_rows_say(robot: Layout, exact: Samples, point: Array, correlation_time: float) -> None:
+    window = window_of(exact, 0.05, correlation_time)
+    model = window_model(robot, window, at(robot, point))
+
+    def constants(change: Array) -> Array:
+        """Return what is left with the state at the linearisation point."""
+        shifted = point + change
+        pose, twist, drift = residuals(window_model(robot, window, at(robot, shifted)), state(shifted))
+        return np.concatenate((pose, twist, drift))
+
+    expected = central_difference(constants, np.zeros(16), 1e-4 * np.maximum(np.abs(point), 1.0))
+    rows = np.concatenate((-model.pose.rows, -model.twist.rows, model.transition))[:, PARAMETERS]
+    # The rows leave out the fourth-order corrections: a part in a thousand of the motion within an interval.
+    for group in (slice(0, 6), slice(6, 12), slice(12, 18)):
+        assert rows[group] == pytest.approx(expected[group], abs=2e-4 * np.abs(expected[group]).max())
+
+
+@pytest.mark.parametrize('axis', range(6))
+def test_a_measured_pose_that_is_off(robot: Layout, exact: Samples, point: Array, axis: int) -> None:
+    error = np.zeros(6)
+    error[axis] = 1e-3
+    back = exp(-error[:3])
+    # The twist is measured in base axes, and turned by the measured orientation.
+    off = replace(
+        exact,
+        base_rotation=back @ exact.base_rotation,
+        base_position=exact.base_position - error[3:],
+        base_linear_velocity=rotate(back, exact.base_linear_velocity),
+        base_angular_velocity=rotate(back, exact.base_angular_velocity),
+    )
+    model = window_model(robot, window_of(off, 0.05), at(robot, point))
+    pose, twist, after = residuals(model, state(point, error))
+    # What is left is of second order in the error; without F it would be 1e-3 times the speed, 1e-5.
+    assert after == pytest.approx(error, abs=2e-7)
+    assert pose == pytest.approx(-error, abs=2e-7)
+    assert twist == pytest.approx(np.zeros(6), abs=2e-7)
+
+
+def late(samples: Samples, delay: float) -> Samples:
+    """Return samples whose joints are those of a moment before."""
+    curve = CubicSpline(samples.time, samples.joint_position)
+    return replace(samples, joint_position=curve(samples.time - delay))
+
+
+def test_correlated_errors_of_poses_are_independent_from_window_to_window(exact: Samples) -> None:
+    window = window_of(exact, 0.05, 0.3)
+    keep = np.exp(-0.05 / 0.3)
+    change = float(Stack((window,), (0,)).whitening[0, 0])
+    knots = lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], np.random.default_rng(0).normal(size=100_000))
+    means = knots.reshape(-1, 10)[:-1].mean(axis=1) + change * np.diff(knots[::10])
+    assert np.var(means) == pytest.approx((1.0 + keep) / (1.0 - keep) / 10.0, rel=0.05)
+    assert np.mean(means[1:] * means[:-1]) / np.var(means) == pytest.approx(0.0, abs=0.04)
+
+
+def _second(values: Array) -> Array:
+    inner = np.diff(values, n=2, axis=0)
+    return np.concatenate((inner[:1], inner, inner[-1:]))
+
+
+def test_late_joints_leave_nothing_where_the_delay_is_known(robot: Layout, exact: Samples, point: Array) -> None:
+    delay = 0.03
+    parts = []
+    for known in (0.0, delay):
+        model = window_model(robot, window_of(late(exact, delay), 0.05), at(robot, point, known))
+        first = -(delay - known) * np.concatenate((exact.base_angular_velocity, exact.base_linear_velocity), axis=1)[0]
+        parts.append(np.abs(np.concatenate(residuals(model, state(point, first, delay))[:2])).max())
+    # Not to first order alone: what is left is that of exact joints.
+    assert parts[1] < 2e-7
+    assert parts[0] > 20.0 * parts[1]
+
+
+class JointNoise:
+    """How an error of every joint at every knot moves what a window says: exact, for it is linear."""
+
+    def __init__(self, robot: Layout, exact: Samples, point: Array) -> None:
+        self.window = window_of(exact, 0.05)
+        self.model = window_model(robot, self.window, at(robot, point))
+        middle = midpoints(self.window.knots, self.window.spacing)
+        gain = joint_gains(robot.kernel, predict(robot, middle, at(robot, point))[1])[0][:, SWAP]
+        # The gain at the window's first knot.
+        begin = self.window.inside.start
+        gain = 0.5 * (gain[begin - 1] + gain[begin])
+        columns = []
+        for knot, joint in np.ndindex(self.window.knots.joint_position.shape):
+            changed = []
+            for size in (JOINT, -JOINT):
+                error = np.zeros_like(self.window.knots.joint_position)
+                error[knot, joint] = size
+                # What of it the differences integrate to.
+                centre = error - 0.5 * self.window.knots.spread[:, None] * _second(error)
+                whole = centre - _second(centre) / 24.0
+                changed.append(self._left(robot, point, error, gain @ whole[begin]))
+            columns.append((changed[0] - changed[1]) / (2.0 * JOINT))
+        samples_a_node = self.window.noise.samples * self.window.spacing / LENGTH
+        rows = np.stack(columns, axis=1) * JOINT / np.sqrt(samples_a_node)
+        self.covariance = rows @ rows.T
+
+    def _left(self, robot: Layout, point: Array, error: Array, first: Array) -> Array:
+        knots = replace(self.window.knots, joint_position=self.window.knots.joint_position + error)
+        assert isinstance(knots, Knots)
+        model = window_model(robot, replace(self.window, knots=knots), at(robot, point))
+        # The chain begins displaced by what the first knot's error makes of the pose.
+        pose, twist, _ = residuals(model, state(point, first))
+        return np.concatenate((pose, twist))
+
+
+def test_covariances_are_those_of_the_joints_noise(robot: Layout, exact: Samples, point: Array) -> None:
+    noise = JointNoise(robot, exact, point)
+    for place, claimed in enumerate((noise.model.pose.covariance, noise.model.twist.covariance)):
+        part = slice(6 * place, 6 * place + 6)
+        ratio = np.diag(noise.covariance[part, part]) / np.diag(claimed)
+        # One gain stands for the window's, and the fourth-order formulas stir the noise a little.
+        assert np.all((ratio > 0.8) & (ratio < 1.35))
+
+
+def test_what_accumulates_of_the_joints_noise(robot: Layout, exact: Samples, point: Array) -> None:
+    window = window_of(exact, 0.05)
+    columns = []
+    for joint in range(robot.kernel.model.joints):
+        # An error of a few knots within the window, none at its ends: what is left of it at the next window's knot.
+        error = np.zeros_like(window.knots.joint_position)
+        error[BEFORE + 3 : BEFORE + 8, joint] = 1.0
+        after = []
+        for size in (JOINT, -JOINT):
+            knots = replace(window.knots, joint_position=window.knots.joint_position + size * error)
+            after.append(
+                residuals(window_model(robot, replace(window, knots=knots), at(robot, point)), state(point))[2]
+            )
+        columns.append((after[0] - after[1]) / (2.0 * JOINT * 5 * window.spacing))
+    remainder = np.stack(columns, axis=1)
+    claimed = window_model(robot, window, at(robot, point)).noise.process
+    expected = JOINT * LENGTH / np.sqrt(window.noise.samples) * remainder
+    assert claimed == pytest.approx(expected, abs=0.1 * np.abs(expected).max())

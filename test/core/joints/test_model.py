@@ -1,0 +1,149 @@
+"""Joints that bend, or wander from where they are read to be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from checked import assert_derivative, generic, some
+from declarations import exact_but
+from floating import float_freely, make, normalised
+from mbaid_ros.core.filter.time_update import _gauss_markov_step
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.joints.model import geared_joints, joint_placements, joint_tracking
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.momentum import MomentumKernel
+from mbaid_ros.core.state import BODY, Layout, Variables
+from mbaid_ros.simulation.motion import Sinusoids
+from mbaid_ros.simulation.simulation import Truth
+from observed import MID, observe, windows
+from windowed import residuals, window_model, window_of
+
+SPACING, STEP = 0.05, 0.01  # s
+JOINT, SIZE = 3, 0.01  # rad
+
+
+def state(robot: MomentumKernel, start: Array, numbers: Array) -> Array:
+    return np.concatenate((np.zeros(6), start, robot.target.parameters, numbers))
+
+
+def test_joints_that_deviate_with_their_angle_leave_nothing_in_a_window(
+    servicer7: MomentumKernel, tumbling: Truth, start: Array
+) -> None:
+    own = np.eye(servicer7.model.joints)[JOINT]
+    angle = tumbling.joint_position[:, JOINT, None]
+    off = SIZE * np.sin(angle)
+    window = window_of(observe(replace(tumbling, joint_position=tumbling.joint_position - off * own), MID), SPACING)
+    unknown = geared_joints(servicer7.model.joint_names)
+    layout = Layout.from_unknowns(servicer7, (unknown,))
+    numbers = np.zeros((servicer7.model.joints, 2))
+    nothing, numbers[JOINT] = numbers.ravel().copy(), (SIZE, 0.0)
+    found = []
+    for each in (nothing, numbers.ravel()):
+        here = layout.point(state(servicer7, start, nothing))
+        x = state(servicer7, start, np.linalg.solve(unknown.factor, each))
+        model = window_model(layout, window, here)
+        x[:6] = np.linalg.solve(model.pose.rows[:, :6], residuals(model, x)[0])
+        found.append(np.abs(residuals(model, x)[1]).max())
+    assert found[1] < 0.05 * found[0]
+    assert len(state(servicer7, start, nothing)) == layout.size == BODY.stop + 2 * servicer7.model.joints
+
+
+def test_a_gear_moves_its_joint_at_the_rate_of_its_deflection() -> None:
+    """By sine and by cosine of the angle; of no other joint."""
+    unknown = geared_joints(['elbow', 'wrist', 'hand'])
+    angle, rate = generic(0, 1, 3), generic(1, 1, 3)
+    places, rates = unknown.deflections(angle, rate)
+    assert places[0, 1] == pytest.approx([0.0, 0.0, np.sin(angle[0, 1]), np.cos(angle[0, 1]), 0.0, 0.0])
+
+    def deflected(time: Array) -> Array:
+        return unknown.deflections(angle + time * rate, rate)[0][0]
+
+    assert_derivative(rates[0][..., None], deflected, np.zeros(1))
+
+
+WANDER, TIME = 1e-3, 2.0  # rad, s: the time constant is that of tracking errors that are declared
+LONG = 25.0
+
+
+def wandering(rng: np.random.Generator, time: Array, joints: int, size: float = WANDER) -> Array:
+    """Return a Gauss-Markov process for each joint at even times, (N, n)."""
+    kept = np.exp(-(time[1] - time[0]) / TIME)
+    error = np.zeros((len(time), joints))
+    error[0] = rng.normal(size=joints)
+    for index in range(1, len(time)):
+        error[index] = kept * error[index - 1] + np.sqrt(1.0 - kept**2) * rng.normal(size=joints)
+    return size * error
+
+
+def commanded(tumbling: Truth, seed: int, size: float = WANDER) -> Truth:
+    """Return a motion with joint states that hold the commands, which the joints have followed with errors."""
+    error = wandering(np.random.default_rng([seed, 7]), tumbling.time, tumbling.joint_position.shape[1], size)
+    reported = tumbling.joint_position - error
+    return replace(tumbling, joint_position=reported, joint_velocity=np.gradient(reported, tumbling.time, axis=0))
+
+
+def last(robot: MomentumKernel, tumbling: Truth, seed: int, tracking_std: float) -> Estimate:
+    declared = exact_but(robot, known_joints__tracking_std=tracking_std)
+    return make(robot, MID, declared=declared).update(windows(observe(commanded(tumbling, seed), MID, seed)), 0)[-1]
+
+
+def test_the_momentum_changes_as_by_the_zeros(servicer7: MomentumKernel, joints: Sinusoids, start: Array) -> None:
+    unknown = joint_tracking(servicer7.model.joint_names, [WANDER, 0.0, *[WANDER] * 5], [TIME] * 7)
+    assert unknown.count == 6
+    assert set(unknown.causes) == {f'tracking:{name}' for name in servicer7.model.joint_names if name != 'joint2'}
+    states = servicer7.states(observe(float_freely(servicer7, joints, start, 0.1), MID))
+    zeros = joint_placements(servicer7, [WANDER] * 7, [0.0] * 7, [0.0] * 7).momentum_columns(servicer7, states)
+    assert np.allclose(unknown.momentum_columns(servicer7, states), zeros[..., ::6], rtol=1e-12, atol=0.0)
+
+
+def test_what_wanders_takes_the_pose_along() -> None:
+    """The covariance after a step is that of the linear map that it is."""
+    rng = np.random.default_rng(3)
+    size, poses, places = 9, 3, np.array([5, 7])
+    triangle = np.triu(rng.normal(size=(size, size)) + 3.0 * np.eye(size))
+    root = np.asfortranarray(np.column_stack((triangle, np.zeros((size, 2)))))
+    root[:, -1] = rng.normal(size=size)
+    stepped, kept, gained = rng.normal(size=(poses, 2)), np.array([0.8, 0.0]), np.array([0.3, 0.0])
+    mapped, noise = np.eye(size), np.zeros((size, 2))
+    mapped[places, places] = kept
+    mapped[np.ix_(np.arange(poses), places)] = stepped * (kept - 1.0)
+    deviation = np.sqrt(1.0 - kept**2 + gained)
+    noise[places] = np.diag(deviation)
+    noise[:poses] = stepped * deviation
+    back = np.linalg.inv(root[:, :-2])
+    after = _gauss_markov_step(root, places, kept, stepped, gained)
+    factor = np.linalg.inv(after[:, :-2])
+    assert factor @ factor.T == pytest.approx(mapped @ back @ back.T @ mapped.T + noise @ noise.T)
+    assert factor @ after[:, -1] == pytest.approx(mapped @ back @ root[:, -1])
+
+
+def test_what_is_left_of_a_run_that_a_force_acted_in() -> None:
+    """The force, whose numbers come last, is another one then: nothing is known of it, and of the rest what was."""
+    rng, size = np.random.default_rng(5), BODY.stop
+    scale = np.eye(size)
+    space = Variables(scale, np.ones(size), np.eye(6), np.eye(6), np.zeros(size), scale, np.zeros((0, 0)), np.ones(6))
+    root = np.triu(rng.normal(size=(size + 3, size + 3)) + 5.0 * np.eye(size + 3))
+    both = np.column_stack((root, np.zeros(size + 3), rng.normal(size=size + 3)))
+    left = some(space.for_new_target(both, np.ones(size), exchanged=False).previous_information)
+    factor, before = np.linalg.inv(left[:, :-1]), np.linalg.inv(root)
+    assert factor @ factor.T == pytest.approx((before @ before.T)[:size, :size])
+    assert factor @ left[:, -1] == pytest.approx((before @ both[:, -1])[:size])
+
+
+@pytest.mark.long
+def test_a_servicer_whose_commands_are_logged(servicer7: MomentumKernel, joints: Sinusoids, start: Array) -> None:
+    tumbling = float_freely(servicer7, joints, start, LONG)
+    misfits, silent = [], []
+    for seed in range(2):
+        followed = last(servicer7, tumbling, seed, WANDER)
+        assert followed.status in {'estimating', 'converged'}
+        assert 0.6 < followed.residual < 1.3
+        misfits.append(normalised(followed, servicer7))
+        silent.append(last(servicer7, tumbling, seed, 0.0))
+    assert max(misfits) < chi2.isf(1e-3, 10)
+    # Ignored, it shows.
+    assert all(each.status in {'inconsistent', 'not_identifiable'} for each in silent)

@@ -1,0 +1,202 @@
+"""What mount, delay and gyro do to the readings of a window, against finite differences on exact data."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from mbaid_ros.core.clocks import clock_drift, time_offset
+from mbaid_ros.core.contracts import Unknown
+from mbaid_ros.core.filter.linearise import WindowModel
+from mbaid_ros.core.geometry import Array, crossed, exp, rotate_back
+from mbaid_ros.core.gyro import GyroErrors, gyro
+from mbaid_ros.core.odometry.model import odometry_mount, odometry_scale, twist_bias
+from mbaid_ros.core.robot.momentum import MomentumKernel
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.state import BODY, Layout
+from mbaid_ros.simulation.simulation import Truth
+from observed import MID, observe
+from windowed import FIRST, JOINT, LAST, residuals, window_model, window_of
+from wrong_robots import Wrong
+
+SPACING = 0.05  # s
+LINK = 'link4'  # that an IMU sits on
+
+
+def read(tumbling: Truth, unknown: Unknown, value: Array, joints: int) -> Samples:
+    return observe(Wrong.by((unknown,), (value,), joints).read(tumbling), MID)
+
+
+def state(robot: MomentumKernel, momentum: Array, error: Array, value: Array) -> Array:
+    return np.concatenate((error, momentum, robot.target.parameters, value))
+
+
+def base(exact: Samples, time: float) -> tuple[Array, Array]:
+    """Return orientation (3, 3) and twist (angular, linear) of the base midway between two samples."""
+    index = int(np.searchsorted(exact.time, time))
+    twist = np.concatenate((exact.base_angular_velocity, exact.base_linear_velocity), axis=1)
+    # The mean of two rotations that differ by half a milliradian is one, to a part in a million.
+    rotation, mean = (0.5 * (values[index - 1] + values[index]) for values in (exact.base_rotation, twist))
+    return rotation, mean
+
+
+def of_mount(exact: Samples, time: float, component: int) -> Array:
+    """Return the pose error of odometry that is mounted elsewhere: R mu_R, R mu_p."""
+    rotation = base(exact, time)[0]
+    error = np.zeros(6)
+    block = slice(0, 3) if component < 3 else slice(3, 6)
+    error[block] = rotation[:, component % 3]
+    return error
+
+
+def of_delay(exact: Samples, time: float, _component: int) -> Array:
+    return -base(exact, time)[1]
+
+
+def of_drift(exact: Samples, time: float, _component: int) -> Array:
+    return -time * base(exact, time)[1]
+
+
+def of_scale(exact: Samples, time: float, _component: int) -> Array:
+    """Return the pose error of lengths that are read too long."""
+    index = int(np.searchsorted(exact.time, time))
+    position = 0.5 * (exact.base_position[index - 1] + exact.base_position[index])
+    return -np.concatenate((np.zeros(3), position))
+
+
+def of_twist(_exact: Samples, _time: float, _component: int) -> Array:
+    return np.zeros(6)
+
+
+# In their own units.
+MOUNT, DELAY, DRIFT = odometry_mount(1.0, 1.0), time_offset(1.0), clock_drift(1.0)
+SCALE, BIAS = odometry_scale(1.0), twist_bias(1.0, 1.0)
+ERROR = {MOUNT: of_mount, DELAY: of_delay, DRIFT: of_drift, SCALE: of_scale, BIAS: of_twist}
+
+
+@pytest.mark.parametrize(
+    ('unknown', 'component'), [(unknown, each) for unknown in ERROR for each in range(unknown.count)]
+)
+def test_readings_are_off_as_the_rows_say(
+    servicer7: MomentumKernel, tumbling: Truth, exact: Samples, start: Array, unknown: Unknown, component: int
+) -> None:
+    # Central differences over 10 ms of a motion whose own time is seconds; mounts and biases are all but linear.
+    late = unknown in {DELAY, DRIFT}
+    size = 5e-3 if unknown is DELAY else 1e-3
+    # A window's mean twist stands for that at each of its instants.
+    tolerance = 1e-2 if unknown in {DRIFT, SCALE} else 1e-3 if unknown is DELAY else 1e-5
+    layout = Layout.from_unknowns(servicer7, (unknown,))
+    here = layout.point(state(servicer7, start, np.zeros(6), np.zeros(unknown.count)))
+    begin, end = (ERROR[unknown](exact, time, component) for time in (FIRST, LAST))
+    parts = []
+    for step in (size, -size):
+        value = np.zeros(unknown.count)
+        value[component] = step
+        window = window_of(read(tumbling, unknown, value, servicer7.model.joints), SPACING)
+        own = (1.0 - step) * start if unknown is DRIFT else start  # in seconds of the joints' clock
+        x = state(servicer7, own, step * begin, value)
+        parts.append(np.concatenate(residuals(window_model(layout, window, here), x)))
+    pose, twist, after = np.split((parts[0] - parts[1]) / (2.0 * size), 3)
+    motion = np.abs(np.concatenate(base(exact, FIRST)[1:])).max()
+    scale = motion if late or unknown is SCALE else 1.0
+    assert pose == pytest.approx(np.zeros(6), abs=tolerance * scale)
+    assert twist == pytest.approx(np.zeros(6), abs=tolerance * scale)
+    assert after == pytest.approx(end, abs=tolerance * scale)
+    # And the columns are not nothing.
+    model = window_model(layout, window_of(exact, SPACING), here)
+    rows = model.twist.rows if unknown is BIAS else model.pose.rows
+    assert np.abs(rows[:, BODY.stop + component]).max() > 0.3 * scale
+
+
+SIZES = np.full(13, 1e-3)  # rad/s; relative, rad, relative; s
+
+
+@pytest.fixture(scope='module')
+def exact(tumbling: Truth) -> Samples:
+    return observe(tumbling, MID)
+
+
+def measured(kernel: MomentumKernel, exact: Samples, value: Array, name: str = 'base_link') -> Samples:
+    """Return samples with what a gyro on a link reads that has these errors."""
+    link, kinematics = kernel.model.link(name), kernel.kinematics
+    bias, scale, turn, shared, delay = value[:3], value[3:6], value[6:9], value[9:12], value[12]
+    placed = kinematics.configure(exact.base_rotation, exact.joint_position)
+    base = np.concatenate((np.zeros_like(exact.base_angular_velocity), exact.base_angular_velocity), axis=1)
+    bodies = kinematics.body_twists(placed, exact.joint_velocity, base)
+    rate = CubicSpline(exact.time, rotate_back(placed.link_pose(link)[0], bodies[:, link.body, 3:]))
+    late = CubicSpline(exact.time, rate(exact.time - delay) @ exp(turn))  # rows: turned back
+    turned = late.antiderivative()(exact.time) @ (np.diag(1.0 + scale) + crossed(shared)) + exact.time[:, None] * bias
+    return replace(exact, gyro=turned)
+
+
+def gyro_window(
+    kernel: MomentumKernel, samples: Samples, start: Array, known: Array, name: str = 'base_link'
+) -> tuple[WindowModel, Array]:
+    """Return a window's model where some of the errors are known, and the state."""
+    link = kernel.model.link(name) if name != 'base_link' else None
+    unknown = gyro(GyroErrors(1.0, 1.0, 1.0, 1.0, cross=1.0, link=link))
+    layout = replace(Layout.from_unknowns(kernel, (unknown,)), imu=link)
+    x = state(kernel, start, np.zeros(6), known)
+    assert len(x) == BODY.stop + 13
+    return window_model(layout, window_of(samples, SPACING), layout.point(x)), x
+
+
+@pytest.mark.parametrize(('name', 'exactly', 'part'), [('base_link', 1e-8, 5e-3), (LINK, 1e-6, 1e-2)])
+def test_gyro_readings_are_off_as_the_columns_say(
+    servicer7: MomentumKernel, exact: Samples, start: Array, name: str, exactly: float, part: float
+) -> None:
+    def left(value: Array, known: Array) -> Array:
+        """Return what is left of the readings where some of the errors are known."""
+        read = measured(servicer7, exact, value, name)
+        return residuals(*gyro_window(servicer7, read, start, known, name))[1][6:]
+
+    nothing = np.zeros(13)
+    none = left(nothing, nothing)
+    assert np.abs(none).max() < exactly
+    for value in np.diag(SIZES):
+        off, rest = left(value, nothing), left(value, value)
+        assert np.abs(off).max() > 1e-6
+        assert np.abs(rest - none).max() < part * np.abs(off).max()
+
+
+@pytest.mark.parametrize('component', [6, 7, 8])
+def test_an_orientation_of_its_own_is_turned_as_its_axes_are(
+    servicer7: MomentumKernel, exact: Samples, start: Array, component: int
+) -> None:
+    value = np.zeros(13)
+    value[component] = SIZES[component]
+    layout = Layout.from_unknowns(servicer7, (gyro(GyroErrors(1.0, 1.0, 1.0, 1.0, cross=1.0, with_orientation=True)),))
+    state = np.concatenate((np.zeros(6), start, servicer7.target.parameters, value))
+    read = measured(servicer7, exact, value)
+    read = replace(read, base_rotation=read.base_rotation @ exp(value[6:9]))
+    point = layout.point(np.concatenate((state[: BODY.stop], np.zeros(13))))
+    model = window_model(layout, window_of(read, 0.05), point)
+    # The error of the pose is that of the axes, and stays so.
+    state[:3] = -read.base_rotation[np.searchsorted(read.time, FIRST - 1e-6)] @ value[6:9]
+    pose, rate, after = residuals(model, state)
+    turned = read.base_rotation[np.searchsorted(read.time, LAST - 1e-6)] @ value[6:9]
+    assert np.abs(pose[:3]).max() < 5e-3 * SIZES[component]
+    assert np.abs(rate[6:]).max() < 5e-3 * SIZES[component]
+    assert after[:3] == pytest.approx(-turned, abs=5e-3 * SIZES[component])
+
+
+def test_the_joints_noise_is_in_the_readings_as_the_covariance_says(
+    servicer7: MomentumKernel, exact: Samples, start: Array
+) -> None:
+    rng = np.random.default_rng(0)
+    read, errors = measured(servicer7, exact, np.zeros(13), LINK), []
+    for _ in range(150):
+        noisy = read.joint_position + JOINT * rng.normal(size=read.joint_position.shape)
+        model, x = gyro_window(servicer7, replace(read, joint_position=noisy), start, np.zeros(13), LINK)
+        errors.append(residuals(model, x)[1])
+    # Nothing else is noisy: the windows' own is 1e-15, the gyro has none.
+    expected, found = model.twist.covariance, np.cov(np.array(errors).T)
+    for part in (slice(0, 3), slice(6, 9)):
+        assert np.trace(found[part, part]) == pytest.approx(np.trace(expected[part, part]), rel=0.2)
+    size = np.sqrt(np.trace(expected[:3, :3]) * np.trace(expected[6:, 6:]))
+    assert found[:3, 6:] == pytest.approx(expected[:3, 6:], abs=0.1 * size)
+    # That of the joints before it is half as much again.
+    assert np.trace(expected[6:, 6:]) > 1.4 * np.trace(expected[:3, :3])

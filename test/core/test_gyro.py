@@ -1,0 +1,220 @@
+"""The preintegrated gyro, frames attached to the base, and joints that turn by more than their readings show."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.geometry import Array, cross, exp, log, rotate
+from mbaid_ros.core.gyro import SATURATED, RateIntegrator, gyro_check
+from mbaid_ros.core.joints.stream import JointMerge
+from mbaid_ros.core.odometry.stream import AttachedFrame
+from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples, Stamps
+from observed import MID
+
+MILLISECOND = 1_000_000
+GAP = 100 * MILLISECOND
+
+
+def stream(times: Array, rate: Array) -> ImuStream:
+    return ImuStream(np.round(times * MILLISECOND).astype(np.int64), rate)
+
+
+def even(times: Array) -> Array:
+    """Return a rate (N, 3), rad/s, that changes evenly with the time, ms."""
+    return np.array([0.3, -0.2, 0.1]) + 1e-3 * times[:, None] * np.array([0.5, 0.4, -0.6])
+
+
+def at(times: Array) -> Stamps:
+    return np.round(times * MILLISECOND).astype(np.int64)
+
+
+def test_nothing_is_known_in_a_gap_nor_across_one() -> None:
+    times = np.concatenate((np.arange(0.0, 200.0, 5.0), np.arange(600.0, 800.0, 5.0)))
+    gyro = RateIntegrator(GAP)
+    gyro.push(stream(times, even(times)))
+    asked = np.array([100.0, 190.0, 300.0, 650.0, 700.0])
+    known = np.isfinite(gyro.integral_at_samples(at(asked))).all(axis=1)
+    assert known.tolist() == [True, True, False, True, True]
+    # A gap between two samples: the second one is as if it were in it.
+    gyro = RateIntegrator(GAP)
+    gyro.push(stream(times, even(times)))
+    known = np.isfinite(gyro.integral_at_samples(at(np.array([100.0, 650.0, 700.0])))).all(axis=1)
+    assert known.tolist() == [True, False, True]
+
+
+def test_readings_at_the_end_of_the_range_are_not_used() -> None:
+    times = np.arange(0.0, 500.0, 5.0)
+    rate = even(times)
+    rate[50] = 2.0
+    gyro = RateIntegrator(GAP, largest=2.0)
+    gyro.push(stream(times, rate))
+    assert gyro.dropped == {SATURATED: 1}
+    known = np.isfinite(gyro.integral_at_samples(at(np.array([240.0, 248.0, 260.0, 270.0])))).all(axis=1)
+    assert known.tolist() == [True, False, True, True]
+
+
+def window(rng: np.random.Generator, start: float, matrix: Array) -> Samples:
+    """Return a window of a base that turns evenly, whose gyro reads its rate times a matrix."""
+    time = start + np.arange(0.0, 0.5, 0.1)
+    rate = 0.1 * rng.normal(size=3)
+    rotation = exp((time - start)[:, None] * rate) @ exp(1e-4 * rng.normal(size=(5, 3)))
+    none = np.zeros((5, 3))
+    covariance = np.tile(1e-8 * np.eye(6), (5, 1, 1))
+    gyro = time[:, None] * (matrix @ rate + np.array([0.01, -0.02, 0.03]))
+    return Samples(time, none, none, none, rotation, none, none, covariance, covariance, gyro=gyro)
+
+
+@pytest.mark.parametrize(
+    ('matrix', 'reported'),
+    [
+        (1.02 * exp(np.array([0.0, 0.03, 0.0])), ''),
+        (np.eye(3) * 180.0 / np.pi, 'it is in degrees'),
+        (np.diag([1.0, -1.0, -1.0]), 'turned by 180 degrees'),
+        (exp(np.array([0.0, 0.0, -1.0])), 'turned by 57 degrees about (0.00, 0.00, 1.00)'),
+    ],
+)
+def test_other_axes_and_units_are_reported(matrix: Array, reported: str) -> None:
+    rng = np.random.default_rng(2)
+    check = gyro_check()
+    found = [check.update(window(rng, 0.5 * number, matrix)) for number in range(20)][-1]
+    assert reported in (found.text if found else '')
+    assert bool(found) == bool(reported)
+
+
+GENERATOR = np.random.default_rng(1)
+FRAME = AttachedFrame(exp(np.array([0.4, -1.1, 0.7])), np.array([0.3, -0.2, 0.5]))
+COUNT = 5
+
+
+def base() -> BaseStream:
+    rotation = exp(GENERATOR.normal(size=(COUNT, 3)))
+    return BaseStream(
+        np.arange(COUNT),
+        *(GENERATOR.normal(size=(COUNT, 3)), rotation),
+        *(GENERATOR.normal(size=(COUNT, 3)), GENERATOR.normal(size=(COUNT, 3))),
+        *(np.tile(MID.pose_covariance(), (COUNT, 1, 1)), np.tile(MID.twist_covariance(), (COUNT, 1, 1))),
+    )
+
+
+def measured(stream: BaseStream) -> BaseStream:
+    """Return what is measured of the frame."""
+    lever = rotate(stream.rotation, FRAME.position)
+    return replace(
+        stream,
+        position=stream.position + lever,
+        rotation=stream.rotation @ FRAME.rotation,
+        linear_velocity=stream.linear_velocity + cross(stream.angular_velocity, lever),
+    )
+
+
+def test_pose_and_twist_are_those_of_the_base() -> None:
+    stream = base()
+    back = FRAME.to_base(measured(stream))
+    for name in ('position', 'rotation', 'linear_velocity', 'angular_velocity'):
+        assert getattr(back, name) == pytest.approx(getattr(stream, name), abs=1e-12), name
+    assert not FRAME.is_base
+    assert AttachedFrame(np.eye(3), np.zeros(3)).is_base
+
+
+def test_covariances_are_those_of_the_errors() -> None:
+    stream = measured(base())
+    converted = FRAME.to_base(stream)
+    step = 1e-6
+
+    def spread(change: list[BaseStream], pick: str) -> Array:
+        """Return the covariance that small errors of the frame lead to, by differences."""
+        columns = []
+        for moved in change:
+            back = FRAME.to_base(moved)
+            if pick == 'pose':
+                turn = log(back.rotation @ np.swapaxes(converted.rotation, 1, 2))
+                columns.append(np.concatenate((back.position - converted.position, turn), axis=1) / step)
+            else:
+                change_of = (
+                    back.linear_velocity - converted.linear_velocity,
+                    back.angular_velocity - converted.angular_velocity,
+                )
+                axes = np.swapaxes(converted.rotation, 1, 2)
+                columns.append(np.concatenate([rotate(axes, value) for value in change_of], axis=1) / step)
+        jacobian = np.stack(columns, axis=-1)
+        covariance = stream.pose_covariance if pick == 'pose' else stream.twist_covariance
+        return jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
+
+    errors = step * np.eye(3)
+    poses = [replace(stream, position=stream.position + error) for error in errors]
+    poses += [replace(stream, rotation=exp(error) @ stream.rotation) for error in errors]
+    twists = [replace(stream, linear_velocity=stream.linear_velocity + rotate(stream.rotation, e)) for e in errors]
+    twists += [replace(stream, angular_velocity=stream.angular_velocity + rotate(stream.rotation, e)) for e in errors]
+    assert converted.pose_covariance == pytest.approx(spread(poses, 'pose'), rel=1e-4, abs=1e-12)
+    assert converted.twist_covariance == pytest.approx(spread(twists, 'twist'), rel=1e-4, abs=1e-12)
+
+
+READINGS, SPACING = 200, 20_000_000  # ns
+TIME = 1e-9 * SPACING * np.arange(READINGS)
+RANDOM = np.random.default_rng(2)
+
+
+def merged(position: Array, velocity: Array, pieces: int, time: Array = TIME) -> Array:
+    """Return the positions (N, 1) that one turning joint has after the merge."""
+    merge = JointMerge(np.array([True]), 100_000_000, 0)
+    stamp, parts = np.round(1e9 * time).astype(np.int64), []
+    for piece in np.array_split(np.arange(len(time)), pieces):
+        found = merge.push({(0,): JointStream(stamp[piece], position[piece, None], velocity[piece, None])})
+        parts += [] if found is None else [found.position[:, 0]]
+    return np.concatenate(parts)
+
+
+def wrapped_to_a_turn(angle: Array) -> Array:
+    return np.asarray(np.angle(np.exp(1j * angle)))
+
+
+@pytest.mark.parametrize('pieces', [1, 9, READINGS])
+@pytest.mark.parametrize('speed', [-400.0, -170.0, -157.08, 0.3, 157.08, 1000.0])
+@pytest.mark.parametrize('wrapped', [True, False])
+def test_positions_follow_the_velocity(speed: float, pieces: int, *, wrapped: bool) -> None:
+    angle = 0.3 + speed * 1e-9 * SPACING * np.arange(READINGS)
+    read = wrapped_to_a_turn(angle) if wrapped else angle
+    read += 1e-3 * RANDOM.standard_normal(READINGS)
+    velocity = speed + 0.1 * RANDOM.standard_normal(READINGS)
+    found = merged(read, velocity, pieces)
+    assert np.ptp(found - angle) < 0.01
+
+
+@pytest.mark.parametrize('velocity', [np.nan, 0.0, 1e4])
+def test_a_velocity_that_is_missing_or_wrong_turns_nothing(velocity: float) -> None:
+    angle = np.pi - 0.05 * np.cos(0.1 * np.arange(READINGS))
+    found = merged(wrapped_to_a_turn(angle), np.full(READINGS, velocity), 1)
+    assert np.ptp(found - angle) < 1e-9
+
+
+@pytest.mark.parametrize('pieces', [1, 200])
+@pytest.mark.parametrize('rate', [10.0, 50.0, 400.0])
+@pytest.mark.parametrize('way', [1.0, -1.0])
+def test_a_wheel_is_followed_as_it_spins_up_over_lost_messages(way: float, rate: float, pieces: int) -> None:
+    time: Array = np.arange(0.0, 30.0, 1.0 / rate)
+    kept = (RANDOM.random(len(time)) > 0.2) & ((time < 12.0) | (time > 12.5))
+    time = time[kept]
+    speed = way * (330.0 * np.sin(0.1 * time) + 2.0)
+    angle = way * (2.0 * time - 3300.0 * np.cos(0.1 * time))
+    read = wrapped_to_a_turn(angle) + 1e-3 * RANDOM.standard_normal(len(time))
+    found = merged(read, speed + 0.05 * RANDOM.standard_normal(len(time)), pieces, time)
+    assert np.ptp(found - angle) < 0.02
+
+
+@pytest.mark.parametrize('pieces', [1, READINGS])
+@pytest.mark.parametrize('velocity', [0.0, np.nan, 330.0])
+def test_single_wrong_readings_of_a_wheel_leave_no_turns_behind(velocity: float, pieces: int) -> None:
+    angle, speed = 0.3 + 330.0 * TIME, np.full(READINGS, 330.0)
+    wrong = np.arange(READINGS) % 13 == 5
+    read, speed[wrong] = np.where(wrong, 0.0, wrapped_to_a_turn(angle)), velocity
+    found = merged(read, speed, pieces)
+    assert np.ptp((found - angle)[~wrong]) < 1e-6
+
+
+def test_an_arm_whose_velocities_are_in_degrees_turns_nowhere() -> None:
+    time = np.arange(0.0, 60.0, 0.1)
+    angle = 2.0 * np.sin(0.5 * time)
+    assert np.ptp(merged(angle, np.rad2deg(np.cos(0.5 * time)), 1, time) - angle) < 1e-9

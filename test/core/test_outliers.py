@@ -1,0 +1,254 @@
+"""Single readings that are off, and readings that are repeated, of the base and of joints."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from checked import some
+from mbaid_ros.core.geometry import Array, Flags, exp
+from mbaid_ros.core.joints.stream import JointMerge, joint_channels
+from mbaid_ros.core.odometry.stream import POSE
+from mbaid_ros.core.outliers import JOINT_OUTLIER, JOINTS_HELD, OUTLIER, REPEATED_POSE, Outliers, Repeats
+from mbaid_ros.core.samples import BaseStream, JointStream, Stamps
+from windowed import base_stream, piece
+
+GAP = 100_000_000  # ns
+POSITION, ORIENTATION = 1e-3, 1e-4  # m, rad: noise
+
+
+def noisy(count: int, seed: int, understated: float = 1.0) -> BaseStream:
+    """Return poses with noise, of which less is declared."""
+    rng = np.random.default_rng(seed)
+    base = base_stream(1_700_000_000_000_000_000 + np.round(1e7 * np.arange(count)).astype(np.int64))
+    declared = np.diag(np.repeat([POSITION, ORIENTATION], 3) / understated) ** 2
+    return replace(
+        base,
+        position=base.position + POSITION * rng.normal(size=(count, 3)),
+        rotation=exp(ORIENTATION * rng.normal(size=(count, 3))) @ base.rotation,
+        pose_covariance=np.repeat(declared[None], count, axis=0),
+    )
+
+
+def thrown(base: BaseStream, hit: Flags, seed: int, length: float = 0.2, angle: float = 0.087) -> BaseStream:
+    """Return poses of which some are off by a length (m) and an angle (rad)."""
+    way = np.random.default_rng([seed, 1]).normal(size=(len(hit), 2, 3))
+    way *= hit[:, None, None] / np.linalg.norm(way, axis=2, keepdims=True)
+    return replace(base, position=base.position + length * way[:, 0], rotation=exp(angle * way[:, 1]) @ base.rotation)
+
+
+def passed(base: BaseStream, cuts: list[int] | None = None) -> tuple[Stamps, int]:
+    """Return the stamps of what passes, handed over in pieces, and how many are dropped."""
+    outliers = Outliers(GAP, POSE)
+    parts = [
+        outliers.push(piece(base, begin, end)) for begin, end in pairwise([0, *sorted(cuts or []), len(base.stamp)])
+    ]
+    return np.concatenate([part.stamp for part in parts if part is not None]), outliers.dropped[OUTLIER]
+
+
+def hits(share: float, count: int, seed: int) -> Flags:
+    """Return which poses are hit; none of the first and last few, of which less is known."""
+    hit = np.random.default_rng([seed, 2]).random(count) < share
+    hit[:8] = hit[-5:] = False
+    return np.asarray(hit)
+
+
+@pytest.mark.parametrize('understated', [1.0, 10.0])
+@pytest.mark.parametrize('share', [0.01, 0.05])
+def test_all_outliers_go_and_nothing_else(share: float, understated: float) -> None:
+    for seed in range(4):
+        hit = hits(share, 3000, seed)
+        base = thrown(noisy(3000, seed, understated=understated), hit, seed)
+        stamps, dropped = passed(base)
+        np.testing.assert_array_equal(stamps, base.stamp[~hit])
+        assert dropped == np.sum(hit)
+
+
+@pytest.mark.parametrize('place', [2, 3, 7])
+def test_the_first_poses_may_be_outliers(place: int) -> None:
+    for seed in range(8):
+        hit = np.arange(100) == place
+        base = thrown(noisy(100, seed), hit, seed)
+        np.testing.assert_array_equal(passed(base)[0], base.stamp[~hit])
+
+
+@pytest.mark.parametrize(('after', 'kept'), [(3, True), (4, False)])
+def test_an_outlier_beside_a_gap_is_kept_as_one_neighbour_after_it_shows_no_motion(after: int, kept: bool) -> None:
+    """So many readings after it, of which the first two are suspicious, too, then nothing for ten seconds."""
+    hit = np.arange(100) == 50
+    base = thrown(noisy(100, 0), hit, 0)
+    base = replace(base, stamp=base.stamp + 10_000_000_000 * (np.arange(100) > 50 + after))
+    assert passed(base)[1] == (not kept)
+
+
+@pytest.mark.parametrize(('length', 'angle'), [(0.2, 0.0), (0.0, 0.087)])
+def test_a_pose_that_is_off_in_one_part_is_an_outlier(length: float, angle: float) -> None:
+    hit = hits(0.01, 2000, 1)
+    base = thrown(noisy(2000, 1), hit, 1, length, angle)
+    np.testing.assert_array_equal(passed(base)[0], base.stamp[~hit])
+
+
+@pytest.mark.parametrize('understated', [0.3, 1.0, 3.0, 10.0])
+def test_noise_alone_is_no_outlier(understated: float) -> None:
+    assert not sum(passed(noisy(3000, seed, understated=understated))[1] for seed in range(5))
+
+
+@pytest.mark.parametrize('jump', [0.01, 0.2, 3.0])
+def test_a_jump_that_stays_is_none(jump: float) -> None:
+    base = noisy(400, 3)
+    base.position[200:] += jump
+    assert passed(base)[1] == 0
+
+
+def test_a_sudden_change_of_the_velocity_is_none() -> None:
+    base = noisy(400, 4)
+    later = np.maximum(np.arange(400) - 200, 0)[:, None]
+    base = replace(
+        base, position=base.position + 0.01 * later, rotation=exp(0.002 * later * np.ones(3)) @ base.rotation
+    )
+    assert passed(base)[1] == 0
+
+
+def test_a_motion_without_noise_that_begins_and_ends_has_none() -> None:
+    time = 0.01 * np.arange(600)
+    way = np.clip(time - 1.0, 0.0, 2.0)
+    base = noisy(600, 0, understated=1e9)
+    moving = replace(
+        base,
+        position=0.02 * (way - np.sin(np.pi * way) / np.pi)[:, None] * np.ones(3),
+        rotation=exp(0.1 * (way - np.sin(np.pi * way) / np.pi)[:, None] * np.ones(3)),
+    )
+    assert passed(moving)[1] == 0
+
+
+SECOND = 1_000_000_000
+
+
+def repeated_poses(plateaus: list[int], step: int = 10_000_000) -> tuple[BaseStream, Stamps]:
+    """Return odometry of which each pose comes so many times, every step (ns), and where each comes first."""
+    source = np.repeat(np.cumsum([0, *plateaus[:-1]]), plateaus)
+    stamps = 1_700_000_000 * SECOND + step * np.arange(len(source))
+    moving = base_stream(stamps)
+    held = {item.name: getattr(moving, item.name)[source] for item in fields(BaseStream) if item.name != 'stamp'}
+    return BaseStream(stamp=stamps, **held), np.unique(source)
+
+
+def without_repeats(base: BaseStream, cuts: list[int]) -> tuple[Stamps, int]:
+    """Return the stamps of what passes, handed over in pieces, and how many are dropped."""
+    repeats = Repeats(POSE)
+    ends = [0, *sorted(cuts), len(base.stamp)]
+    parts = [repeats.push(piece(base, begin, end)) for begin, end in pairwise(ends)]
+    stamps = [part.stamp for part in parts if part is not None]
+    return np.concatenate([np.zeros(0, dtype=np.int64), *stamps]), repeats.dropped[REPEATED_POSE]
+
+
+def test_a_base_that_stands_still_goes_on() -> None:
+    base, _ = repeated_poses([5, 101, 3])
+    stamps, dropped = without_repeats(base, [])
+    # The one of five and the one of three, and the second at rest from its begin on.
+    np.testing.assert_array_equal(stamps, base.stamp[[0, *range(5, 107)]])
+    assert dropped == 4  # the last two are not known yet to be repeated or at rest
+
+
+RATE, COUNT, JOINTS = 50, 600, 4
+
+
+def motion(seed: int, noise: float = 1e-4) -> JointStream:
+    generator = np.random.default_rng(seed)
+    time = np.arange(COUNT) / RATE
+    rate = generator.uniform(0.1, 0.6, JOINTS)
+    position = 0.4 * np.sin(rate * time[:, None] + generator.uniform(0.0, 6.0, JOINTS))
+    position += noise * generator.standard_normal(position.shape)
+    return JointStream(np.round(time * 1e9).astype(np.int64), position, np.full(position.shape, np.nan))
+
+
+def with_positions(stream: JointStream, position: Array) -> JointStream:
+    return JointStream(stream.stamp, position, stream.velocity)
+
+
+def held() -> Repeats[JointStream]:
+    return Repeats[JointStream](joint_channels(1e-4), JOINTS_HELD, together=True)
+
+
+def let_through(gate: Repeats[JointStream] | Outliers[JointStream], stream: JointStream, pieces: int) -> JointStream:
+    parts = [gate.push(stream[piece]) for piece in np.array_split(np.arange(COUNT), pieces)]
+    return stream.concatenate([part for part in parts if part is not None])
+
+
+@pytest.mark.parametrize('pieces', [1, 7, COUNT])
+@pytest.mark.parametrize('joints', [[2], [0, 1, 2, 3]], ids=['one joint', 'all'])
+def test_single_outliers_are_dropped_and_counted(joints: list[int], pieces: int) -> None:
+    stream = motion(1)
+    wrong = np.arange(120, COUNT - 10, 97)
+    position = stream.position.copy()
+    position[wrong[:, None], joints] = 1.5
+    gate = Outliers[JointStream](200_000_000, joint_channels(1e-4), JOINT_OUTLIER)
+    kept = let_through(gate, with_positions(stream, position), pieces)
+    assert gate.dropped[JOINT_OUTLIER] == len(wrong) == COUNT - len(kept.stamp)
+    assert not np.isin(kept.stamp, stream.stamp[wrong]).any()
+    assert gate.by_channel == dict.fromkeys(joints, len(wrong))
+
+
+@pytest.mark.parametrize('noise', [0.0, 1e-4, 1e-3])
+def test_clean_readings_pass_as_they_are(noise: float) -> None:
+    for seed in range(5):
+        stream = motion(seed, noise)
+        outliers = Outliers[JointStream](200_000_000, joint_channels(1e-4), JOINT_OUTLIER)
+        kept = some(outliers.push(held().push(stream)))
+        assert not +outliers.dropped
+        assert len(kept.stamp) >= COUNT - 4
+        assert np.array_equal(kept.position, stream.position[: len(kept.stamp)])
+
+
+@pytest.mark.parametrize('pieces', [1, 7, COUNT])
+@pytest.mark.parametrize('every', [3, 5, 10])
+def test_readings_that_a_driver_holds_are_dropped(every: int, pieces: int) -> None:
+    stream = motion(2)
+    gate = held()
+    kept = let_through(gate, with_positions(stream, stream.position[np.arange(COUNT) // every * every]), pieces)
+    assert np.array_equal(kept.stamp, stream.stamp[::every])
+    assert gate.dropped[JOINTS_HELD] == COUNT - len(kept.stamp) - (every - 1)  # the last ones may be those of a rest
+
+
+@pytest.mark.parametrize('pieces', [1, COUNT])
+def test_coarse_steps_and_rests_are_kept(pieces: int) -> None:
+    stream = motion(3, 0.0)
+    coarse = np.round(stream.position / 0.02) * 0.02
+    assert len(let_through(held(), with_positions(stream, coarse), pieces).stamp) == COUNT
+    resting = stream.position.copy()
+    resting[200:400] = resting[200]
+    gate = held()
+    assert len(let_through(gate, with_positions(stream, resting), pieces).stamp) == COUNT
+    assert not gate.dropped[JOINTS_HELD]
+
+
+def parts(stream: JointStream, *joints: tuple[int, ...]) -> dict[tuple[int, ...], JointStream]:
+    return {each: JointStream(stream.stamp, stream.position[:, each], stream.velocity[:, each]) for each in joints}
+
+
+@pytest.mark.parametrize('pieces', [1, 12, COUNT])
+def test_a_message_with_all_joints_counts_among_messages_with_some(pieces: int) -> None:
+    stream = motion(4)
+    merge = JointMerge(np.ones(JOINTS, dtype=bool), 100_000_000, 0)
+    merged = []
+    for part in np.array_split(np.arange(COUNT), pieces):
+        some = stream[part[part % 50 != 20]]
+        whole = stream[part[part % 50 == 20]]
+        given = {each: part for each, part in parts(some, (0, 1), (2, 3)).items() if len(part.stamp)}
+        given |= {tuple(range(JOINTS)): whole} if len(whole.stamp) else {}
+        merged.append(merge.push(given))
+    found = stream.concatenate([part for part in merged if part is not None])
+    assert np.array_equal(found.stamp, stream.stamp)
+    assert np.array_equal(found.position, stream.position)
+
+
+def test_a_slow_part_serves_often_only_while_it_rests() -> None:
+    stream = motion(5)
+    resting = with_positions(stream, np.where(np.arange(JOINTS) == 3, 0.3, stream.position))
+    for given, every_one in ((resting, True), (stream, False)):
+        merge = JointMerge(np.ones(JOINTS, dtype=bool), 100_000_000, 0, noise=1e-4)
+        merged = some(merge.push(parts(given, (0, 1, 2)) | parts(given[::10], (3,))))
+        assert (len(merged.stamp) > COUNT - 11) is every_one

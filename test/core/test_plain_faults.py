@@ -1,0 +1,277 @@
+"""Faults that are plain in readings, robot description or windows, before any identification."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.joints.faults import JointRates
+from mbaid_ros.core.odometry.faults import HELD, HeldBase, twist_check
+from mbaid_ros.core.pipeline import PlainFaults, WindowChecks
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.samples import BaseStream, JointStream, Samples, Stamps
+from observed import HIGH, MID, configured_motion, kernel, observe, windows
+from simulated import CONFIG, robot
+
+WITHOUT_LIMITS = (CONFIG / 'servicer7.urdf').read_text().replace('revolute', 'continuous')
+COUNT, JOINTS, SPACING = 400, 7, 20_000_000
+ALL = tuple(range(JOINTS))
+
+
+def motion(seed: int, noise: float = 1e-4) -> Array:
+    generator = np.random.default_rng(seed)
+    time = np.arange(COUNT)[:, None] * SPACING * 1e-9
+    rate, phase = generator.uniform(0.1, 0.6, JOINTS), generator.uniform(0.0, 6.0, JOINTS)
+    return np.asarray(0.5 * np.sin(rate * time + phase) + noise * generator.standard_normal((COUNT, JOINTS)))
+
+
+def found(position: Array, pieces: int, stamp: int = 10**18, stamps: Stamps | None = None) -> Estimate:
+    faults = PlainFaults(robot('servicer7'), 1e-4)
+    stamps = SPACING * np.arange(len(position)) if stamps is None else stamps
+    for piece in np.array_split(np.arange(len(position)), pieces):
+        faults.add({ALL: JointStream(stamps[piece], position[piece], np.full((len(piece), JOINTS), np.nan))})
+    return faults.applied(Estimate('trajectory', 'estimating', 0.0, stamp))
+
+
+@pytest.mark.parametrize('pieces', [1, 7, COUNT])
+def test_clean_readings_show_nothing(pieces: int) -> None:
+    for seed, noise in enumerate((1e-4, 1e-4, 1e-3, 1e-2)):
+        estimate = found(motion(seed, noise), pieces)
+        assert (estimate.status, estimate.warnings, estimate.causes) == ('estimating', (), ())
+
+
+@pytest.mark.parametrize('pieces', [1, 7, COUNT])
+@pytest.mark.parametrize('every', [1, 2, 5, 20])
+def test_a_second_source_is_named_first(every: int, pieces: int) -> None:
+    rows = np.arange(COUNT)
+    other = rows % (every + 1) == every
+    number = rows - (rows + 1) // (every + 1)  # of the readings of the first source
+    mixed, stamps = np.where(other[:, None], 0.0, motion(1)[number]), number * SPACING + other * SPACING // 2
+    estimate = found(mixed, pieces, stamps=stamps)
+    assert estimate.status == 'inconsistent'
+    assert estimate.causes[0][0].startswith('joint states come from two sources that contradict each other, joint')
+    first = next(row for row in rows if found(mixed, 1, int(stamps[row]), stamps).status == 'inconsistent')
+    assert first < 15 * (every + 1)
+    assert found(mixed, pieces, int(stamps[first]), stamps).status == 'inconsistent'
+    assert found(mixed, pieces, int(stamps[first]) - 1, stamps).status == 'estimating'
+
+
+@pytest.mark.parametrize('pieces', [1, COUNT])
+def test_wrong_values_in_place_of_readings_are_no_second_source(pieces: int) -> None:
+    position = motion(2)
+    position[12::25] = 0.0
+    estimate = found(position, pieces)
+    assert estimate.status == 'estimating'
+    assert estimate.warnings[0].startswith('joint states hold wrong values now and then, joint')
+
+
+def test_a_joint_that_rests_at_the_turn_of_its_wrapped_angle_is_no_second_source() -> None:
+    position = motion(2)
+    position[:, 3] = np.pi + 1e-3 * np.random.default_rng(0).standard_normal(COUNT)
+    wrapped = (position + np.pi) % (2.0 * np.pi) - np.pi
+    assert np.ptp(wrapped[:, 3]) > 6.0
+    assert found(wrapped, 3).status == 'estimating'
+
+
+@pytest.mark.parametrize('pieces', [1, COUNT])
+def test_a_joint_that_is_read_more_seldom_is_named(pieces: int) -> None:
+    position = motion(4)
+    position[:, 3] = position[np.arange(COUNT) // 8 * 8, 3]
+    text = 'joint4 repeats its readings while other joints have new ones'
+    assert found(position, pieces).warnings[0].startswith(text)
+    position[:, 3] = np.round(motion(4)[:, 3] / 1e-3) * 1e-3  # a coarse encoder
+    assert found(position, pieces).warnings == ()
+
+
+@pytest.mark.parametrize('pieces', [1, 7, COUNT])
+@pytest.mark.parametrize('step', [-0.02, -0.01, 0.01, 0.5])
+def test_a_jump_is_named_by_joint_size_and_time(step: float, pieces: int) -> None:
+    position = motion(5)
+    position[200:, 3] += step
+    (text,) = found(position, pieces).warnings
+    assert text.startswith('the reading of joint4 jumps by ')
+    assert float(text.split()[6]) == pytest.approx(abs(step), rel=0.02, abs=1.5e-3)
+    assert float(text.split('at ')[1].split()[0]) == pytest.approx(4.0, abs=0.1)
+    coarse = np.round(motion(5) / 1.5e-3) * 1.5e-3
+    assert found(coarse, pieces).warnings == ()
+    kept = np.r_[0:150, 250:COUNT]  # messages that are lost are no jump
+    assert found(motion(5)[kept], pieces, stamps=SPACING * kept).warnings == ()
+
+
+def test_a_slip_of_a_few_milliradians_is_not_named() -> None:
+    position = motion(5)
+    position[200:, 3] += 3e-3
+    assert found(position, 1).warnings == ()
+
+
+def test_joints_in_degrees_are_beyond_their_limits_and_no_second_source() -> None:
+    time = np.arange(COUNT)[:, None] * SPACING * 1e-9
+    position = np.rad2deg(2.0 * np.sin(time + np.arange(JOINTS)))  # fast
+    first = found(position, 7).causes[0][0]
+    assert 'far beyond its limits in the robot description: degrees, millimetres or encoder ticks, not rad' in first
+
+
+def test_single_outliers_are_no_second_source() -> None:
+    position = motion(2)
+    position[50::100] = 0.0
+    assert found(position, 3).status == 'estimating'
+
+
+@pytest.mark.parametrize('pieces', [1, COUNT])
+def test_encoder_ticks_are_named(pieces: int) -> None:
+    estimate = found(np.round(motion(3) * 4096.0 / (2.0 * np.pi) + 2048.0), pieces)
+    assert estimate.status == 'inconsistent'
+    assert len(estimate.causes) == 1
+    assert 'reads whole numbers, from 2' in estimate.causes[0][0]
+
+
+def test_an_arm_that_rests_at_zero_reads_no_ticks() -> None:
+    assert found(np.zeros((COUNT, JOINTS)), 2).status == 'estimating'
+
+
+@pytest.mark.parametrize(
+    ('inertia', 'text'),
+    [
+        ('<inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>', 'kg and no inertia'),
+        ('<inertia ixx="248e6" ixy="0" ixz="0" iyy="248e6" iyz="0" izz="248e6"/>', 'the inertia of a body of'),
+    ],
+)
+def test_an_inertia_that_no_body_has_is_warned_of_and_the_first_cause(inertia: str, text: str) -> None:
+    urdf = (CONFIG / 'servicer7.urdf').read_text(encoding='utf-8')
+    begin = urdf.index('<inertia ixx="248"')
+    faults = PlainFaults(load_model(urdf[:begin] + inertia + urdf[urdf.index('/>', begin) + 2 :]), 1e-4)
+    fine = faults.applied(Estimate('trajectory', 'estimating', 0.0, 0))
+    wrong = faults.applied(Estimate('trajectory', 'inconsistent', 0.0, 0, causes=(('something', 5.0),)))
+    assert fine.status == 'estimating'
+    assert text in fine.warnings[0]
+    assert not fine.causes
+    assert text in wrong.causes[0][0]
+
+
+def spinning(step: float, *, rates: bool, pieces: int, wrapped: bool = True, factor: float = 1.0) -> Estimate:
+    """Return what is found where the sixth joint turns by a step (rad) from each reading to the next.
+
+    Its velocity is a factor of what it should be.
+    """
+    position = motion(3)
+    angle = step * np.arange(COUNT)
+    position[:, 5] = np.angle(np.exp(1j * angle)) if wrapped else angle
+    velocity = np.zeros((COUNT, JOINTS))
+    velocity[:, 5] = factor * step / (SPACING * 1e-9) if rates else np.nan
+    faults = PlainFaults(load_model(WITHOUT_LIMITS), 1e-4)
+    for piece in np.array_split(np.arange(COUNT), pieces):
+        faults.add({ALL: JointStream(piece * SPACING, position[piece], velocity[piece])})
+    return faults.applied(Estimate('trajectory', 'estimating', 0.0, 10**18))
+
+
+@pytest.mark.parametrize('pieces', [1, 7, COUNT])
+def test_a_joint_that_turns_too_fast_for_its_positions_alone_is_refused(pieces: int) -> None:
+    for step in (2.0, 3.0, 8.1):
+        estimate = spinning(step, rates=False, pieces=pieces, wrapped=step < 8.0)
+        assert estimate.status == 'inconsistent'
+        assert estimate.causes[0][0].startswith('joint6 turns by more than a quarter from one reading to the next')
+    slow = spinning(1.0, rates=False, pieces=pieces)
+    assert slow.status == 'estimating'
+    assert slow.warnings[0].startswith('joint6 turns on and on without a velocity, and may turn faster than its pos')
+    for step in (3.1416, 6.6, 8.0, -60.0):
+        known = spinning(step, rates=True, pieces=pieces)
+        assert (known.status, known.warnings) == ('estimating', ())
+    wrong = spinning(8.0, rates=True, pieces=pieces, factor=0.6)
+    assert wrong.status == 'inconsistent'
+    assert wrong.causes[0][0].endswith('if the velocity is right, name it in wheels.names, not as a joint')
+
+
+@pytest.mark.parametrize('pieces', [1, 7, 100])
+def test_poses_before_tracking_begins_are_named(pieces: int) -> None:
+    stamp, generator = SPACING * np.arange(100), np.random.default_rng(0)
+    for noise, warned in ((1e-3, True), (1e-7, False)):  # the latter leaves a base at rest
+        position = noise * generator.standard_normal((100, 3))
+        position[:30] = 0.0
+        faults, none = PlainFaults(robot('servicer7'), 1e-4), np.zeros((100, 3))
+        base = BaseStream(stamp, position, np.tile(np.eye(3), (100, 1, 1)), none, none, *np.zeros((2, 100, 6, 6)))
+        for piece in np.array_split(np.arange(100), pieces):
+            faults.add({}, base[piece])
+        warnings = faults.applied(Estimate('trajectory', 'estimating', 0.0, 10**18)).warnings
+        assert [each.startswith('the first 30 poses of the base are zero') for each in warnings] == [True] * warned
+
+
+RANDOM = np.random.default_rng(4)
+
+
+@cache
+def measured(name: str, noise: str = 'mid') -> Samples:
+    truth = configured_motion(name, 15.0, 50.0)
+    return observe(truth, {'mid': MID, 'high': HIGH}[noise], 1)
+
+
+def reasons(samples: Samples, name: str) -> tuple[list[str], list[Samples]]:
+    """Return what the checks find in all windows of a robot, and the windows that they pass on."""
+    checks = WindowChecks([twist_check(), HeldBase(kernel(name))], JointRates(robot(name).joint_names))
+    passed = checks.with_valid_rates(windows(samples))
+    return [each.text for each in checks.reasons(passed[-1].time[-1])], passed
+
+
+@pytest.mark.parametrize('name', ['servicer7', 'table1'])
+@pytest.mark.parametrize('noise', ['mid', 'high'])
+def test_clean_windows_show_nothing_and_keep_their_velocities(name: str, noise: str) -> None:
+    found, passed = reasons(measured(name, noise), name)
+    assert found == []
+    assert all(np.isfinite(window.joint_velocity).all() for window in passed)
+
+
+@pytest.mark.parametrize('name', ['servicer7', 'table1'])
+@pytest.mark.parametrize('noise', [0.0, 1e-4, 1e-3])
+def test_a_base_that_is_held_is_reported(name: str, noise: float) -> None:
+    samples = measured(name)
+    held = replace(
+        samples, base_position=np.array([1.0, -2.0, 0.5]) + noise * RANDOM.standard_normal((len(samples), 3))
+    )
+    assert reasons(held, name)[0] == [HELD]
+
+
+def test_a_held_base_is_reported_after_thrust_too() -> None:
+    samples = measured('servicer7')
+    pushed = np.where(samples.time[:, None] > 3.0, np.arange(6.0), 0.0)
+    place = np.full((len(samples), 3), 0.3)
+    held = replace(samples, base_position=place + 1e-3 * RANDOM.standard_normal(place.shape), impulse=pushed)
+    assert reasons(held, 'servicer7')[0] == [HELD]
+    assert reasons(replace(samples, impulse=pushed), 'servicer7')[0] == []
+
+
+def test_a_heavy_arm_in_the_robot_description_is_no_held_base() -> None:
+    # The base reacts by a thousandth of what such links would make it.
+    described = kernel('servicer7')
+    change = 999.0 * described.known
+    change[0] = 0.0
+    held = HeldBase(described.with_body_changes(change))
+    assert [held.update(each) for each in windows(measured('servicer7'))] == [None] * 30
+
+
+@pytest.mark.parametrize(
+    ('change', 'how'),
+    [
+        ((0.0, 0.0, 0.0), 'zero while the positions change'),
+        ((0.3, 0.0, 0.0), 'no rates of the positions'),
+        ((0.0, 2.0, 0.0), 'no rates of the positions'),
+        ((0.0, 0.0, 57.3), 'no rates of the positions'),
+        ((0.0, 0.0, -1.0), 'no rates of the positions'),
+    ],
+    ids=['zero', 'constant', 'proportional', 'degrees', 'turned round'],
+)
+@pytest.mark.parametrize('joint', [0, 4])
+def test_velocities_that_are_no_rates_are_left_out(change: tuple[float, float, float], how: str, joint: int) -> None:
+    samples = measured('servicer7')
+    velocity = samples.joint_velocity.copy()
+    constant, of_position, of_velocity = change
+    velocity[:, joint] = constant + of_position * samples.joint_position[:, joint] + of_velocity * velocity[:, joint]
+    found, passed = reasons(replace(samples, joint_velocity=velocity), 'servicer7')
+    assert found == [
+        f'the velocities of joint{joint + 1} are {how}: velocities are taken from the positions; correct the driver'
+    ]
+    # At once where the joint moves, and all along from the third window on.
+    assert all(np.isnan(window.joint_velocity).all() for window in passed[6:])
