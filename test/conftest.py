@@ -12,6 +12,21 @@ assert 'numpy' not in sys.modules, 'NumPy reads the number of threads when it is
 
 import mbaid_ros  # noqa: E402, F401 - says it
 from fuzzing.trial import memory_of  # noqa: E402
+from shared_motions import (  # noqa: E402, F401 - fixtures
+    drift,
+    identified,
+    joints,
+    planar,
+    plane,
+    robot,
+    satellite,
+    servicer,
+    servicer7,
+    spatial,
+    spatial_minute,
+    start,
+    tumbling,
+)
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""The simulated runs that several tests share: each is computed once."""
+"""Simulated runs that several tests share, as fixtures: each is computed once."""
 
 from __future__ import annotations
 
