@@ -89,7 +89,8 @@ def thresholds(file: Path) -> Iterator[Threshold]:
         above = [comments[line] for line in range(first + 1, node.lineno)]
         why = ' '.join([*above, comments.get(node.end_lineno or node.lineno, '')]).strip().removesuffix('.')
         value = ' '.join((ast.get_source_segment(source, node.value) or '').split())
-        yield Threshold(file.stem, tuple(ast.unparse(name) for name in names), value, why)
+        name = f'{file.parent.name}/{file.stem}' if file.parent.parent.name == 'core' else file.stem
+        yield Threshold(name, tuple(ast.unparse(name) for name in names), value, why)
 
 
 def _comments(source: str) -> dict[int, str]:
