@@ -18,7 +18,7 @@ unexport MBAID_ROS_SOURCED _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # The tests start hundreds of processes: what one has compiled, the others need not compile again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo bags test test-long test-basilisk fuzz lint clean paper-table docs
+.PHONY: help setup demo bags test test-long test-basilisk mutants fuzz lint clean paper-table docs
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -28,6 +28,7 @@ help:
 	@echo "make bags    set-up, then make the bags of bags/ anew"
 	@echo "make test    set-up, lint, types, then every test but the long ones, which make test-long runs"
 	@echo "make test-basilisk  set-up, then exported parameters in Basilisk, which is installed for it"
+	@echo "make mutants set-up, then mistakes in copies of the core, and those that no test notices (ARGS=\"--seed 7 --count 20\")"
 	@echo "make fuzz    set-up, then damaged bags and other files through the executables (ARGS=\"--inputs N\")"
 	@echo "make lint    set-up, lint and types"
 	@echo "make docs    set-up, then the pages of docs/ as a site in build/docs (installs Sphinx for itself; Python 3.11 or later)"
@@ -62,6 +63,10 @@ test-long: export OPENBLAS_NUM_THREADS := 1
 test-long: install/.built
 	$(STEP) "long tests"
 	@. ./install/setup.sh && pytest -n 2 --dist worksteal -m long
+
+mutants: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+mutants: install/.built
+	@. ./install/setup.sh && python3 scripts/mutants.py $(ARGS)
 
 fuzz: install/.built
 	@. ./install/setup.sh && export OPENBLAS_NUM_THREADS=1 && python3 scripts/fuzz_files.py $(ARGS)

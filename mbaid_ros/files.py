@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import codecs
 import json
 import math
 import os
+import re
 import stat
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,19 @@ from typing import Any
 from mbaid_ros import limits
 from mbaid_ros.errors import DataError, MbaidError, ParameterError
 
+# Byte order marks, longer ones first, and XML's beginning without one.
+_MARKS = (
+    *((codecs.BOM_UTF32_LE, 'utf-32'), (codecs.BOM_UTF32_BE, 'utf-32'), (codecs.BOM_UTF8, 'utf-8-sig')),
+    *((codecs.BOM_UTF16_LE, 'utf-16'), (codecs.BOM_UTF16_BE, 'utf-16')),
+    *((b'<\0?\0', 'utf-16-le'), (b'\0<\0?', 'utf-16-be')),
+)
+_DECLARED = re.compile(rb"""\s*<\?xml[^>]*?\bencoding\s*=\s*["']([\w.:-]{1,40})["']""")
+_DECLARATION = re.compile(r"""(\s*<\?xml[^>]*?\bencoding\s*=\s*["'])[\w.:-]+""")
+# Encodings of texts among Python's codecs, others of which unpack, escape or take long.
+_ENCODINGS = re.compile(
+    r'ascii|utf-(8|16|32).*|iso(8859|2022).*|cp\d+|gb2312|gbk|gb18030|hz|big5.*|euc_.*|shift_jis.*|johab|koi8.*|mac-.*'
+    r'|tis-620|kz1048|ptcp154'
+)
 _PART = 40  # characters of a name that the name of a file in the making has
 
 
@@ -46,6 +61,37 @@ def read_text(
     if len(text) > limit:
         raise error(f"{kind} '{path}' has more than {limit} characters, which is the limit")
     return text
+
+
+def read_xml(path: str | Path, kind: str, limit: int, error: type[MbaidError]) -> str:
+    """Return the text of an XML document of at most `limit` characters, which then declares to be in UTF-8.
+
+    It is read in the encoding of its byte order mark, or else in the one that it declares.
+
+    Raises MbaidError: The file cannot be read, is no regular file, is no text of that encoding, or is longer.
+    """
+    require_regular(path, kind, error)
+    try:
+        with open(path, 'rb', opener=_without_waiting) as file:
+            content = file.read(4 * limit + 5)  # of the widest characters, and a mark
+    except OSError as reason:
+        raise error(f"cannot read {kind} '{path}': {_why(reason)}") from reason
+    name, declared = 'utf-8', _DECLARED.match(content)
+    if declared:
+        name = declared[1].decode('ascii')
+    name = next((encoding for mark, encoding in _MARKS if content.startswith(mark)), name)
+    try:
+        if not _ENCODINGS.fullmatch(codecs.lookup(name).name):
+            raise LookupError
+        text = content.decode(name).removeprefix('\ufeff')
+    except LookupError as reason:
+        raise error(f"{kind} '{path}' declares the encoding '{name}', which is not known; accepted: UTF-8") from reason
+    except UnicodeError as reason:
+        hint = 'as it declares' if declared else 'and declares no other encoding'
+        raise error(f"{kind} '{path}' is not text in {name.upper()}, {hint}; save it in UTF-8") from reason
+    if len(text) > limit:
+        raise error(f"{kind} '{path}' has more than {limit} characters, which is the limit")
+    return _DECLARATION.sub(r'\g<1>utf-8', text, count=1) if _DECLARATION.match(text) else text
 
 
 def require_writable(option: str, path: str | None) -> None:

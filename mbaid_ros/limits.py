@@ -1,7 +1,7 @@
 """How much of anything is taken from outside: every bound on files, messages and documents, in one place.
 
-They are far above what robots need, and low enough that any file but a sqlite3 database is read or refused within 10 s
-and 1 GB. docs/reference/input-handling.md has them as a table; a test compares the two.
+They are far above what robots need, and low enough that any file is read or refused within 10 s and 1 GB.
+docs/reference/input-handling.md has them as a table; a test compares the two.
 """
 
 # Documents.
@@ -29,6 +29,7 @@ MESH_BYTES = 20_000_000  # the file of a collision mesh
 
 # Bags.
 FOLDER_FILES = 10_000  # files of one bag
+TOPICS = 10_000  # of one sqlite3 database, and definitions of their types
 METADATA_BYTES = 5_000_000  # of metadata.yaml: of some ten thousand files
 YAML_VALUES = 200_000  # in metadata.yaml or QoS profiles
 YAML_DEPTH = 50  # of lists and mappings there

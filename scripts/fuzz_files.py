@@ -1,7 +1,7 @@
 """Send damaged files through the executables that read them: bags, robots, parameters, truths, results, logs.
 
 Each has to end with 0, 2, 3 or 4, with one line of error at most, within 10 s of the processor and 30 s of the clock,
-in less than 1 GB. All run in this process.
+in less than 500 MB. All run in this process.
 """
 
 import argparse

@@ -89,7 +89,7 @@ def open_file(file: Path, scratch: ExitStack) -> Source:
             head = stream.read(len(MCAP_MAGIC))
         if head == MCAP_MAGIC:
             return SalvagedSource(file)
-        if file.suffix == '.mcap' and MCAP_MAGIC.startswith(head):
+        if not head or (file.suffix == '.mcap' and MCAP_MAGIC.startswith(head)):
             raise DataError(f"bag '{file}' holds no messages: it was cut off before the first one") from error
         if head == ROS1_MAGIC[: len(head)] and head:
             command = f'rosbags-convert --src {file.name} --dst FOLDER'

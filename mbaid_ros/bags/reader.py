@@ -20,11 +20,12 @@ from mbaid_ros.bags.chunks import Batch, Block, Raw, Timed, in_blocks
 from mbaid_ros.bags.compression import is_compressed, unpacked
 from mbaid_ros.bags.opening import files_of, open_file, reason_of, unread_log
 from mbaid_ros.bags.sources import DAMAGE, Source, Topic, by_name
-from mbaid_ros.bags.types import ADDED, defined, is_standard, message_types
+from mbaid_ros.bags.types import ADDED, defined, is_standard, message_types, other_encapsulation
 from mbaid_ros.core.samples import Stamps
 from mbaid_ros.errors import DataError, listing
 from mbaid_ros.packets import packer
 
+_SCHEMALESS = '__schemaless__'  # type of a channel whose schema the index lacks
 _SIMULATED = 10**15  # ns: clocks of simulations begin at zero, others in 1970
 
 
@@ -88,6 +89,11 @@ class BagReader:
         if topic not in self.topics:
             raise DataError(f"bag '{self.path}' has no topic '{topic}'; topics: {listing(there)}")
         found = self.topics[topic]
+        if found.type in {'', _SCHEMALESS}:
+            raise DataError(
+                f"topic '{topic}' of bag '{self.path}' has no schema, so the type of its messages is not known; "
+                f'accepted: a schema named {listing(types)}'
+            )
         if found.type not in types:
             accepted = listing(types)
             raise DataError(f"topic '{topic}' of bag '{self.path}' is of type {found.type}; accepted: {accepted}")
@@ -213,6 +219,11 @@ class BagReader:
         type_name = self.topics[name].type
 
         def deserialize(data: bytes, time: int) -> Any:
+            if (encapsulation := other_encapsulation(data)) and self.topics[name].encoding == 'cdr':
+                raise DataError(
+                    f"topic '{name}' of bag '{self.path}' is encapsulated as {encapsulation}; accepted: plain CDR "
+                    '(XCDR version 1): set the data representation of its publisher to that'
+                )
             try:
                 return store.deserialize_cdr(data, type_name)
             except (SerdeError, *DAMAGE) as error:
@@ -258,13 +269,36 @@ class BagReader:
         if not self.path.is_dir():
             return [open_file(self.path, self._scratch)]
         files, reason = files_of(self.path)
-        sources = [open_file(file, self._scratch) for file in files]
+        sources = self._open_parts(files)
         if reason and all(source.complete for source in sources):
             self.warnings.append(
                 f"metadata.yaml of bag '{self.path}' cannot be used ({reason}): its files are read in the order of "
                 'their names'
             )
         return sources
+
+    def _open_parts(self, files: Sequence[Path]) -> list[Source]:
+        """Return the messages of each part of a bag; a part that has none is left out, with a warning."""
+        sources: list[Source] = []
+        unread: list[DataError] = []
+        for file in files:
+            source = self._open_part(file)
+            if isinstance(source, DataError):
+                unread.append(source)
+            else:
+                sources.append(source)
+        if not sources:
+            raise unread[0]
+        if unread:
+            more = f' (and {len(unread) - 1} others)' if len(unread) > 1 else ''
+            self.warnings.append(f"a part of bag '{self.path}' is left out: {unread[0]}{more}")
+        return sources
+
+    def _open_part(self, file: Path) -> Source | DataError:
+        try:
+            return open_file(file, self._scratch)
+        except DataError as error:
+            return error
 
 
 def _without_compression(block: Block) -> Iterator[Block]:

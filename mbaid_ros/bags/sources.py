@@ -10,7 +10,6 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import apsw
 import zstandard
@@ -20,11 +19,11 @@ from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from rosbags.interfaces import Connection, MessageDefinitionFormat, Qos, QosDurability, QosReliability
 from rosbags.rosbag2 import ReaderError
-from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
 
 from mbaid_ros import limits
 from mbaid_ros.bags.chunks import Block, ChunkReader, Raw, in_blocks
 from mbaid_ros.bags.compression import beginning, unpacked_chunk
+from mbaid_ros.bags.sqlite import SqliteReader
 from mbaid_ros.bags.writer import parse_profiles
 
 _LARGEST_RECORD = limits.CHUNK_BYTES + 1_000  # bytes: a chunk and its header
@@ -62,35 +61,6 @@ def by_name(found: Iterable[Topic]) -> tuple[dict[str, Topic], Counter[str]]:
         else:
             left_out[topic.name] += topic.count
     return topics, left_out
-
-
-class SqliteReader(Sqlite3Reader):
-    """A sqlite3 file, opened for reading alone; sqlite keeps text where bytes are declared, so rows are checked."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(Path(quote(str(path))))  # it becomes a part of an address
-
-    def open(self) -> None:
-        """Open the file and read its topics; raise a ReaderError if it is no bag."""
-        super().open()
-        if self.dbconn is not None:
-            self.dbconn.limit(apsw.SQLITE_LIMIT_LENGTH, limits.MESSAGE_BYTES)
-        for connection in self.connections:
-            extension: Any = connection.ext
-            texts = connection.topic, connection.msgtype, connection.msgdef.data, extension.serialization_format
-            if not all(isinstance(text, str) for text in texts):
-                self.close()
-                raise ReaderError('a topic with a name, type, definition or encoding that is no text')
-
-    def blocks(self, connections: Collection[Connection]) -> Iterator[Block]:
-        """Yield the messages of connections in the order of their times."""
-        yield from in_blocks(self._rows(connections))
-
-    def _rows(self, connections: Collection[Connection]) -> Iterator[Raw]:
-        for connection, time, data in self.messages(connections):
-            if type(time) is not int or type(data) is not bytes:
-                raise ReaderError(f'a message at {time!r:.40} is {data!r:.40}; accepted: whole ns, and bytes')
-            yield connection.topic, data, time
 
 
 class IndexedSource:

@@ -82,6 +82,21 @@ def _types_from_idl(text: str, _name: str) -> Any:
     return types
 
 
+# Encapsulations by their identifier (DDS-XTYPES 1.3, 7.6.3.1.2), but for plain CDR, 0 and 1.
+_ENCAPSULATIONS = {
+    **dict.fromkeys((2, 3), 'PL_CDR (parameter lists, XCDR version 1)'),
+    4: 'XML',
+    **dict.fromkeys((6, 7), 'XCDR2 (CDR2)'),
+    **dict.fromkeys((8, 9), 'XCDR2 (D_CDR2, delimited)'),
+    **dict.fromkeys((10, 11), 'XCDR2 (PL_CDR2, parameter lists)'),
+}
+
+
+def other_encapsulation(data: bytes) -> str:
+    """Return in which encapsulation a message is that is not in plain CDR; empty where its header names none."""
+    return _ENCAPSULATIONS.get(int.from_bytes(data[:2], 'big'), '') if len(data) >= 4 else ''
+
+
 def is_standard(store: Typestore, type_name: str) -> bool:
     """Return whether a type, and all that it is made of, is defined in a store as in ROS 2 Jazzy."""
     standard = message_types()

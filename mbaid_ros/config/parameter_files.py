@@ -12,7 +12,7 @@ import yaml
 
 from mbaid_ros import limits
 from mbaid_ros.errors import ModelError, ParameterError
-from mbaid_ros.files import read_text
+from mbaid_ros.files import read_text, read_xml
 from mbaid_ros.parameters import dotted
 
 _SECTION = 'ros__parameters'
@@ -179,4 +179,4 @@ def read_robot_description(path: str | Path) -> str:
 
     Raises ModelError: The file cannot be read, is not text, or is too long.
     """
-    return read_text(path, 'robot description', limits.URDF_CHARACTERS, 'a URDF file is accepted', ModelError)
+    return read_xml(path, 'robot description', limits.URDF_CHARACTERS, ModelError)

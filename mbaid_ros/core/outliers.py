@@ -11,7 +11,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.samples import ArrayRecord, BaseStream, ImuStream, JointStream
+from mbaid_ros.core.samples import ArrayRecord, BaseStream, ImuStream, JointStream, Stamps
+from mbaid_ros.core.streams import REPEATED
 
 REPEATED_POSE = 'pose repeated'
 JOINTS_HELD = 'joint positions repeated under a new stamp'
@@ -23,6 +24,7 @@ _AROUND = 4.0  # times the largest misfit nearby: a motion that begins or ends i
 _BEFORE, _AFTER = 4, 3  # poses around suspicious ones
 _NEAR = 200_000_000  # ns: of poses further apart it is the motion that shows
 _LONGEST = 40  # suspicious poses in a row: more are no outliers, and nothing waits for longer
+_REMEMBERED = 5_000  # readings at most, among which copies are looked for
 _LATEST = 64  # misfits, whose lower quartile determines the scale of the next
 _UNDERSTATED = 10.0  # times as large as declared noise may be, as long as there are too few
 # A quarter of the vectors of three independent numbers of unit variance are shorter, and of single numbers smaller.
@@ -181,6 +183,63 @@ class Outliers(Generic[Stream]):
         each = left[own] > limit * spread[:, None]
         self.by_channel.update({place: int(count) for place, count in enumerate(each.sum(axis=0)) if count})
         return np.asarray(np.any(each, axis=1))
+
+
+class Copies(Generic[Stream]):
+    """Passes readings on in the order of arrival, without those that have come before, however late they come again.
+
+    A bridge that echoes sends each message twice, with its stamp: the second is neither late nor of another source.
+
+    Parameters
+    ----------
+    values : from N readings to the (N, k) numbers that are compared
+    span : ns, how far before the newest one a stamp is looked for: those before it are no regular ones
+
+    Attributes
+    ----------
+    dropped : readings that were not passed on
+    """
+
+    def __init__(self, values: Callable[[Any], Array], span: int) -> None:
+        self._values, self._span = values, span
+        # Of the latest span, in the order of their stamps: stamps (N,), and numbers (N, k).
+        self._stamps: Stamps = np.zeros(0, dtype=np.int64)
+        self._numbers: Array = np.zeros((0, 0))
+        self.dropped: Counter[str] = Counter()
+
+    def push(self, stream: Stream | None) -> Stream | None:
+        """Add readings in the order of arrival; return the new ones, None if there are none."""
+        if stream is None or not len(stream.stamp):
+            return None
+        stamps, numbers = stream.stamp, self._values(stream)
+        count = len(self._stamps)
+        if count:
+            stamps, numbers = np.concatenate((self._stamps, stamps)), np.concatenate((self._numbers, numbers))
+        if not np.all(stamps[max(count, 1) :] > stamps[max(count, 1) - 1 : -1]):
+            new = _first_of_equals(stamps, numbers)
+            self.dropped[REPEATED] += int(np.sum(~new))
+            stream, stamps, numbers = stream[new[count:]], stamps[new], numbers[new]
+            order = np.argsort(stamps, kind='stable')
+            stamps, numbers = stamps[order], numbers[order]
+        since = max(int(np.searchsorted(stamps, stamps[-1] - self._span)), len(stamps) - _REMEMBERED)
+        self._stamps, self._numbers = stamps[since:], numbers[since:]
+        return stream if len(stream.stamp) else None
+
+
+def _first_of_equals(stamps: Stamps, numbers: Array) -> Flags:
+    """Return which of N readings have no equal before them, (N,)."""
+    new = np.ones(len(stamps), dtype=bool)
+    seen: set[bytes] = set()  # of the latest stamp
+    latest = -1
+    numbers = np.ascontiguousarray(numbers) + 0.0  # zeros may be negative
+    for place in np.argsort(stamps, kind='stable').tolist():
+        if stamps[place] != latest:
+            latest = stamps[place]
+            seen.clear()
+        content = numbers[place].tobytes()
+        new[place] = content not in seen
+        seen.add(content)
+    return new
 
 
 class Repeats(Generic[Stream]):

@@ -11,7 +11,7 @@ import numpy as np
 
 from mbaid_ros.config.parameter_files import read_yaml
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.errors import ParameterError, listing
+from mbaid_ros.errors import DataError, ParameterError, listing
 from mbaid_ros.parameters import shown
 from mbaid_ros.recordings.csv_tables import Table, read_table
 from mbaid_ros.recordings.recording import Recording, turned_about_z
@@ -62,7 +62,7 @@ def _poses(mapping: _Mapping, reading: _Reading, time: Array) -> Poses | None:
     for part, name in ((slice(0, 3), 'linear_velocity'), (slice(3, 6), 'angular_velocity')):
         if name in base.values:
             twist[:, part] = reading.columns(base, name, (3,))
-    used = reading.used('poses', time, position, orientation)
+    used = reading.used('poses', base, time, position, orientation)
     return Poses(time[used], position[used], orientation[used], twist[used], base.text('frame', 'base_link'))
 
 
@@ -86,7 +86,7 @@ def _joints(mapping: _Mapping, reading: _Reading, time: Array) -> Joints | None:
         velocity = np.column_stack(
             [reading.column(part.required('velocity'), part.where('velocity')) for part in parts]
         )
-    used = reading.used('joint states', time, position)
+    used = reading.used('joint states', joints, time, position)
     return Joints(names, time[used], position[used], None if velocity is None else velocity[used])
 
 
@@ -97,7 +97,7 @@ def _thrust(mapping: _Mapping, reading: _Reading, time: Array) -> Thrust | None:
     none = np.zeros((len(time), 3))
     parts = [reading.columns(thrust, name, (3,)) if name in thrust.values else none for name in ('force', 'torque')]
     wrench = np.concatenate(parts, axis=1)
-    used = np.isfinite(time) & np.all(np.isfinite(wrench), axis=1)
+    used = reading.used('thrust commands', thrust, time, wrench)
     return Thrust(time[used], wrench[used], thrust.text('frame', 'base_link'))
 
 
@@ -135,11 +135,19 @@ class _Reading:
         names = [each.get('column') if isinstance(each, dict) else each for each in values]
         return np.all([self._raw(name, where) == number for name in names if name is not None], axis=0)
 
-    def used(self, what: str, time: Array, *parts: Array) -> Array:
-        """Return which rows make messages (N,): those whose numbers are finite."""
+    def used(self, what: str, group: _Mapping, time: Array, *parts: Array) -> Array:
+        """Return which rows make messages (N,): those whose numbers are finite.
+
+        Raises DataError: None does.
+        """
         used = np.isfinite(time)
         for part in parts:
             used &= np.all(np.isfinite(part), axis=1)
+        if not np.any(used):
+            raise DataError(
+                f"no row of log '{self.table.path}' has a number in the time and in every column of {group.name()}: "
+                'their numbers are in different rows, or all of them are missing ones'
+            )
         self._left_out[what] = int(np.sum(~used))
         return np.asarray(used)
 
@@ -161,7 +169,10 @@ class _Reading:
             place = self.table.names.index(value)
         else:
             raise ParameterError(f'{where} is {shown(value)}; accepted: the name of a column, or its number from 0 on')
-        return self.table.values[:, place]
+        values = self.table.values[:, place]
+        if np.all(np.isnan(values)):
+            raise DataError(f"column {value!r} of log '{self.table.path}', which is {where}, holds no number")
+        return values
 
 
 class _Mapping:

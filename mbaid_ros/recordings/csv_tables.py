@@ -6,7 +6,9 @@ import csv
 import io
 import struct
 import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,7 @@ from mbaid_ros.errors import DataError
 from mbaid_ros.files import read_text, require_regular
 
 _HEADER, _TAG, _COMPRESSED = 128, 8, 15
+_SEPARATORS = 10 * limits.LOG_COLUMNS  # of a line, those in quotes included
 _SHOWN = 40  # characters of a value that an error shows
 # Errors that SciPy raises on damaged files, beside its own.
 _DAMAGE = (ValueError, TypeError, LookupError, OverflowError, MemoryError, NotImplementedError, OSError)
@@ -88,30 +91,47 @@ def read_table(path: Path, separator: str = ',', *, header: bool) -> Table:
     Raises DataError: The file cannot be read, a row has another length than the first, or a field is no number.
     """
     text = read_text(path, 'log', limits.LOG_BYTES, 'accepted: a table of text', DataError)
-    lines = text.splitlines()
-    names: tuple[str, ...] = ()
-    if header and lines:
-        names = tuple(name.strip() for name in next(csv.reader(lines[:1], delimiter=separator)))
-    rows = [(number, line) for number, line in enumerate(lines[bool(names) :], 1 + bool(names)) if line.strip()]
-    if not rows:
+    rows = _rows(text, separator, path)
+    names = tuple(name.strip() for name in next(rows, (0, []))[1]) if header else ()
+    first = next(rows, None)
+    if first is None:
         raise DataError(f"log '{path}' has no rows of numbers")
-    count = len(names) or rows[0][1].count(separator) + 1
-    if count > limits.LOG_COLUMNS:
-        raise DataError(f"log '{path}' has {count} columns; at most {limits.LOG_COLUMNS} are accepted")
-    values = np.array([_row(line, separator, count, number, path) for number, line in rows])
+    count = len(names) or len(first[1])
+    values = np.array([_numbers(fields, count, number, path) for number, fields in chain((first,), rows)])
     values[np.isinf(values)] = np.nan
     return Table(path, names, values)
 
 
-def _row(line: str, separator: str, count: int, number: int, path: Path) -> list[float]:
-    fields = line.split(separator)
+def _rows(text: str, separator: str, path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Yield the number of each line that is not empty, and its fields; quoted ones without their quotes."""
+    spaced = not separator.isspace()
+    lines = text.splitlines()
+    many = next((number for number, line in enumerate(lines, 1) if line.count(separator) > _SEPARATORS), 0)
+    if many:
+        raise DataError(f"log '{path}' has more than {_SEPARATORS} separators in line {many}, which is the limit")
+    number = 0
+    try:
+        reader = csv.reader((f'{line}\n' for line in lines), delimiter=separator, skipinitialspace=spaced)
+        for fields in reader:
+            number, begin = reader.line_num, number + 1
+            if any(map(str.strip, fields)) or (spaced and len(fields) > 1):
+                if len(fields) > limits.LOG_COLUMNS:
+                    most = f'at most {limits.LOG_COLUMNS} are accepted'
+                    raise DataError(f"log '{path}' has {len(fields)} columns; {most}")
+                yield begin, fields
+    except (csv.Error, TypeError, ValueError) as error:
+        raise DataError(f"log '{path}' cannot be read from line {number + 1} on: {error}") from error
+
+
+def _numbers(fields: list[str], count: int, number: int, path: Path) -> list[float]:
     if len(fields) != count:
         raise DataError(f"log '{path}' has {len(fields)} fields in line {number}; accepted: {count}, as in the first")
     try:
         return [float(field) if field.strip() else np.nan for field in fields]
     except ValueError:
         bad = next(field for field in fields if field.strip() and not _is_number(field))
-        raise DataError(f"log '{path}' has '{bad.strip()[:_SHOWN]}' in line {number}; accepted: a number") from None
+        shown = ' '.join(bad.split())[:_SHOWN]
+        raise DataError(f"log '{path}' has '{shown}' in line {number}; accepted: a number") from None
 
 
 def _is_number(text: str) -> bool:

@@ -65,7 +65,9 @@ def sha256_of(model: str, urdf: str) -> str:
 def hashes(bag: str) -> dict[str, str | None]:
     """Return the SHA-256 of each file of a bag that holds messages, by its name; None for more than LARGEST_HASHED."""
     path = Path(bag)
-    files = sorted(each for each in path.iterdir() if each.suffix in _DATA) if path.is_dir() else [path]
+    files = (
+        sorted(each for each in path.iterdir() if each.suffix in _DATA and each.is_file()) if path.is_dir() else [path]
+    )
     if sum(file.stat().st_size for file in files) > LARGEST_HASHED:
         return {file.name: None for file in files}
     return {file.name: sha256(file) for file in files}

@@ -14,6 +14,7 @@ from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.contracts import Check
 from mbaid_ros.core.filter.posterior import Continuation, Posterior
 from mbaid_ros.core.forces import EXACT_THRUST, LATE_THRUST, SHARED_THRUST, Thrust, uncertain_thrusters, wrench_of
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.gyro import DeadReckoning, ImuReader, gyro_check, imu_reader, make_gyro
 from mbaid_ros.core.joints.faults import JointRates
 from mbaid_ros.core.joints.stream import JointMerge, JointReader
@@ -22,6 +23,7 @@ from mbaid_ros.core.odometry.faults import HeldBase, twist_check
 from mbaid_ros.core.odometry.model import PoseConfig
 from mbaid_ros.core.odometry.stream import PoseReader, measured_orientation, odometry_reader, source_of
 from mbaid_ros.core.orbit import falling_frame
+from mbaid_ros.core.outliers import Copies
 from mbaid_ros.core.pipeline import Estimator, Identifier, PlainFaults, Synchroniser, WindowChecks
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Packets, Source, number_of, stamp_of, stamps_of
@@ -212,6 +214,10 @@ class Intake:
             turning, round(config.maximum_gap * 1e9), limit, beside, config.noise.declared.joint_position
         )
         self.faults = PlainFaults(robot.model, config.noise.declared.joint_position)
+        # Of joints by the kind of message.
+        self._joint_copies: dict[tuple[int, ...], Copies[JointStream]] = {}
+        self._pose_copies: Copies[BaseStream] = Copies(_poses, round(TIME_JUMP * 1e9))
+        self._imu_copies: Copies[ImuStream] = Copies(_rates, round(TIME_JUMP * 1e9))
         self._reorder = Reorder[BaseStream](limit)
         self._reorder_imu = Reorder[ImuStream](limit)
         self._reckoning = DeadReckoning()
@@ -223,7 +229,12 @@ class Intake:
     def dropped(self) -> Counter[str]:
         """Unused messages, by cause."""
         parts = (self.merge, self._reorder, self._reorder_imu, self.stored_momentum)
-        return sum((part.dropped for part in parts), Counter(self._refused))
+        copies = (
+            self._pose_copies.dropped,
+            self._imu_copies.dropped,
+            *(x.dropped for x in self._joint_copies.values()),
+        )
+        return sum((*copies, *(part.dropped for part in parts)), Counter(self._refused))
 
     def streams(
         self, messages: Mapping[str, Sequence[Any]]
@@ -232,12 +243,13 @@ class Intake:
         joints, dropped_joints = self.joint_reader.read(messages[JOINTS])
         base, dropped_base = self.odometry_reader.read(messages[ODOMETRY])
         self._refused += dropped_joints + dropped_base
+        joints, base = self._without_copies(joints), self._pose_copies.push(base)
         self.faults.add(joints, base)
         imu = None
         if IMU in messages:
             measured, dropped = self.imu_reader.read(messages[IMU])
             self._refused += dropped
-            imu = self._reorder_imu.push(measured)
+            imu = self._reorder_imu.push(self._imu_copies.push(measured))
         if not self.alone:
             located = self._reorder.push(base)
         elif self._with_orientation:
@@ -272,6 +284,16 @@ class Intake:
         hold = (self._reorder_imu if self.alone else self._reorder).hold
         return joints >= end and base - hold >= wanted
 
+    def _without_copies(self, joints: Mapping[tuple[int, ...], JointStream]) -> dict[tuple[int, ...], JointStream]:
+        """Return joint readings, by the kind of message, without those that have come before."""
+        new = {}
+        for kind, stream in joints.items():
+            copies = self._joint_copies.setdefault(kind, Copies(_joints, round(TIME_JUMP * 1e9)))
+            left = copies.push(stream)
+            if left is not None:
+                new[kind] = left
+        return new
+
     def _all_joints(self, measured: JointStream | None) -> JointStream | None:
         """Return the measurements of all joints, those that mimic others too."""
         moved = self._robot.model.transmission
@@ -279,6 +301,19 @@ class Intake:
             return measured
         position, velocity = moved.positions(measured.position), moved.rates(measured.velocity)
         return replace(measured, position=position, velocity=velocity)
+
+
+def _joints(stream: JointStream) -> Array:
+    return np.concatenate((stream.position, stream.velocity), axis=1)
+
+
+def _poses(stream: BaseStream) -> Array:
+    twist = stream.linear_velocity, stream.angular_velocity
+    return np.concatenate((stream.position, stream.rotation.reshape(-1, 9), *twist), axis=1)
+
+
+def _rates(stream: ImuStream) -> Array:
+    return np.concatenate((stream.angular_velocity, stream.rotation.reshape(len(stream.stamp), -1)), axis=1)
 
 
 class Segment:

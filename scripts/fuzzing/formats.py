@@ -124,6 +124,22 @@ _CONTRADICTIONS = (
     ('float64 x', 'x float64'),
     ('geometry_msgs/Point position', 'geometry_msgs/Pose position'),
 )
+_NUMBERS_TO = 'WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n WHERE x < {})'
+_ENDLESS = 'WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n)'
+_ROW = "SELECT x, '/' || x, 'std_msgs/msg/String', 'cdr', '', '' FROM n"
+# Tables that compute, have no end, or join with themselves.
+_PROGRAMS = (
+    f"DROP TABLE messages; CREATE VIEW messages AS {_ENDLESS} SELECT 1 topic_id, x timestamp, x'00' data FROM n",
+    f'DROP TABLE schema; CREATE VIEW schema AS {_ENDLESS} SELECT max(x) AS schema_version FROM n',
+    f'CREATE VIEW other AS {_ENDLESS} SELECT x FROM n',
+    'ALTER TABLE messages ADD COLUMN size AS (length(hex(zeroblob(50000000))))',
+    'CREATE INDEX slow ON messages(hex(zeroblob(100000)), timestamp)',
+    'CREATE INDEX slow ON messages(timestamp) WHERE topic_id IN (1, 2)',
+    f'DELETE FROM topics; {_NUMBERS_TO.format(200_000)} INSERT INTO topics {_ROW}',
+    f'DROP TABLE topics; CREATE TABLE topics AS {_NUMBERS_TO.format(9_000)} {_ROW.replace("x,", "1 AS id,", 1)}',
+    'CREATE TRIGGER other AFTER INSERT ON messages BEGIN DELETE FROM messages; END',
+    "ALTER TABLE messages ADD COLUMN more BLOB DEFAULT x'" + '00' * 100_000 + "'",
+)
 _TABLES = ('topics', 'messages', 'message_definitions')
 
 
@@ -149,6 +165,7 @@ def formats(folder: Path) -> dict[str, Format]:
     return {
         **_mcap(folder / 'bag.mcap', model),
         'sqlite': Format(rows, content, _in_database, replay, lambda _: [str(rows), *model]),
+        'sqlite programs': Format(rows, content, _with_program, replay, lambda _: [str(rows), *model]),
         'metadata': _metadata(folder / 'bag', model),
         'URDF': Format(robot, _URDF.read_bytes(), of_text, replay, lambda _: [small, '--model', str(robot)]),
         'YAML': Format(yaml, parameters, of_text, replay, lambda _: [small, *model, '--params', str(yaml)]),
@@ -177,6 +194,17 @@ def _in_schemas(_data: bytes, generator: np.random.Generator) -> bytes:
         old, new = one(_CONTRADICTIONS, generator)
         return of_bytes(mcap(_MESSAGES, plain, lambda text: text.replace(old, new)), generator)
     return mcap(_MESSAGES, plain, lambda text: of_bytes(text.encode(), generator).decode(errors='replace'))
+
+
+def _with_program(data: bytes, generator: np.random.Generator) -> bytes:
+    """Return a database with one or two tables that compute."""
+    with contextlib.closing(sqlite3.connect(':memory:')) as connection:
+        connection.deserialize(data)
+        for _ in range(int(generator.integers(1, 3))):
+            with contextlib.suppress(sqlite3.Error):  # a second one may not fit the first
+                connection.executescript(one(_PROGRAMS, generator))
+        connection.commit()
+        return connection.serialize()
 
 
 def _metadata(bag: Path, model: list[str]) -> Format:

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TextIO
 
 LONGEST, HANG = 10.0, 30.0  # s, of processor time and on the wall
-MEMORY = 1_000_000_000  # bytes, beyond the memory before the input
+MEMORY = 500_000_000  # bytes, beyond the memory before the input
 _STUCK = 3 * HANG  # s, after which not even a signal's handler has run: this process ends with a traceback
 _ACCEPTED = {0, 2, 3, 4}
 _STDERR = 2

@@ -203,6 +203,52 @@ def test_what_only_the_log_of_a_database_has_is_reported(tmp_path: Path, *, bare
     assert not any('-wal' in each for each in warnings)
 
 
+@pytest.mark.parametrize('ending', ['.mcap', '.db3'])
+def test_parts_without_messages_are_left_out(tmp_path: Path, ending: str) -> None:
+    bag, plugin = tmp_path / 'bag', StoragePlugin.MCAP if ending == '.mcap' else StoragePlugin.SQLITE3
+    with RosbagsWriter(bag, version=9, storage_plugin=plugin) as writer:
+        connection = writer.add_connection('/a', STRING, typestore=message_types())
+        writer.write(connection, 5, serialize(string('x'), STRING))
+    (bag / 'metadata.yaml').unlink()
+    (bag / f'bag_1{ending}').write_bytes(b'')
+    (bag / f'bag_2{ending}').write_bytes(bytes(4_000))
+    with BagReader(bag) as reader:
+        assert reader.messages == 1
+        assert 'a part of bag' in reader.warnings[0]
+        assert (
+            f"bag_1{ending}' holds no messages: it was cut off before the first one (and 1 others)"
+            in reader.warnings[0]
+        )
+
+
+def schemaless(path: Path, schema: int) -> Path:
+    with path.open('wb') as stream:
+        writer = Writer(stream)
+        writer.start(profile='ros2')
+        channel = writer.register_channel('/a', 'cdr', schema)
+        writer.add_message(channel, 5, b'\0\1\0\0', 5)
+        writer.finish()  # type: ignore[no-untyped-call]
+    return path
+
+
+@pytest.mark.parametrize('schema', [0, 77])
+def test_a_topic_without_a_schema_is_named(tmp_path: Path, schema: int) -> None:
+    with BagReader(schemaless(tmp_path / 'x.mcap', schema)) as bag, pytest.raises(DataError, match='has no schema'):
+        bag.require('/a', STRING)
+
+
+@pytest.mark.parametrize(
+    ('head', 'name'),
+    [(b'\0\7', r'XCDR2 \(CDR2\)'), (b'\0\x0b', r'XCDR2 \(PL_CDR2'), (b'\0\3', 'PL_CDR'), (b'\0\4', 'XML')],
+)
+def test_an_encapsulation_is_named(tmp_path: Path, head: bytes, name: str) -> None:
+    with BagWriter(tmp_path / 'bag') as bag:
+        bag.add_topic('/a', STRING)
+        bag.write_raw('/a', head + serialize(string('x'), STRING)[2:], 5)
+    with BagReader(tmp_path / 'bag') as reader, pytest.raises(DataError, match=f'encapsulated as {name}.*plain CDR'):
+        list(reader.read(['/a']))
+
+
 def written(name: str, content: bytes) -> Callable[[Path], Path]:
     def write(folder: Path) -> Path:
         (folder / name).write_bytes(content)

@@ -120,8 +120,61 @@ COMPUTED = (
     'data BLOB AS (zeroblob(900000000)) VIRTUAL);' + ROWS + 'INSERT INTO messages SELECT x, 1, x FROM n;'
 )
 
+ENDLESS = 'WITH RECURSIVE n(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM n)'
+TOPIC_ROW = "SELECT x, '/' || x, 'std_msgs/msg/String', 'cdr', '', '' FROM n;"
+PROGRAMS = {
+    'messages without an end': 'DROP TABLE messages; CREATE VIEW messages AS '
+    f"{ENDLESS} SELECT 1 topic_id, x timestamp, x'00' data FROM n;",
+    'a version without an end': 'DROP TABLE schema; CREATE VIEW schema AS '
+    f'{ENDLESS} SELECT max(x) schema_version FROM n;',
+    'a view that nothing reads': 'CREATE VIEW other AS SELECT 1 AS one;',
+    'a generated column': 'ALTER TABLE messages ADD COLUMN size AS (length(hex(zeroblob(50000000))));',
+    'an index of expressions': 'CREATE INDEX slow ON messages(hex(zeroblob(1000)), timestamp);',
+    'a partial index': 'CREATE INDEX slow ON messages(timestamp) WHERE topic_id IN (1, 2);',
+    'a trigger': 'CREATE TRIGGER other AFTER INSERT ON messages BEGIN DELETE FROM messages; END;',
+    'a virtual table': 'DROP TABLE messages; CREATE VIRTUAL TABLE messages USING fts5(topic_id, timestamp, data);',
+    'many topics': f'DELETE FROM topics; {ROWS} INSERT INTO topics {TOPIC_ROW}',
+    'topics of one number': 'DROP TABLE topics; CREATE TABLE topics AS SELECT 1 AS id, topic_type AS name, '
+    "topic_type AS type FROM message_definitions; INSERT INTO topics VALUES (1, '/a', 'std_msgs/msg/String');",
+    'a forged column': "PRAGMA writable_schema = ON; UPDATE sqlite_master SET sql = 'CREATE TABLE messages(id INTEGER "
+    "PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB AS (zeroblob(50000000)))' WHERE name = 'messages';",
+}
+
+
+def circle(folder: Path) -> Path:
+    """Write a database of 0.5 MB whose pages refer to each other 300 times each, on 15 levels."""
+    path = changed_database(
+        folder, f'DROP INDEX timestamp_idx; {ROWS} INSERT INTO messages SELECT NULL, 1, x, 1 FROM n;'
+    )
+    with closing(sqlite3.connect(path)) as connection:
+        (root,) = connection.execute("SELECT rootpage FROM sqlite_master WHERE name = 'messages'").fetchone()
+        (size,) = connection.execute('PRAGMA page_size').fetchone()
+    content = bytearray(path.read_bytes())
+    place = (root - 1) * size
+    first = place + int.from_bytes(content[place + 12 : place + 14], 'big')
+    leaf = int.from_bytes(content[first : first + 4], 'big')
+    count = len(content) // size
+    pages = [root, *range(count + 1, count + 15)]
+    content.extend(bytes(14 * size))
+    for number, following in zip(pages, [*pages[1:], leaf], strict=True):
+        cells = [size - 6 * (cell + 1) for cell in range(300)]
+        page = bytearray(size)
+        page[:12] = (
+            b'\5\0\0' + (300).to_bytes(2, 'big') + cells[-1].to_bytes(2, 'big') + b'\0' + following.to_bytes(4, 'big')
+        )
+        page[12:612] = b''.join(cell.to_bytes(2, 'big') for cell in cells)
+        for cell in cells:
+            page[cell : cell + 6] = following.to_bytes(4, 'big') + b'\x81\0'
+        content[(number - 1) * size : number * size] = page
+    content[28:32] = (len(content) // size).to_bytes(4, 'big')
+    path.write_bytes(content)
+    return path
+
+
 # Refused: one line of error, exit code 2.
 REFUSED: dict[str, Callable[[Path], Path]] = {
+    **{name: partial(changed_database, change=change) for name, change in PROGRAMS.items()},
+    'pages in a circle': circle,
     'computed data': partial(changed_database, change=COMPUTED),
     'a topic whose type is a number': partial(changed_database, change="UPDATE topics SET type = x'00ff'"),
     'topics of no number': partial(

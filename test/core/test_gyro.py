@@ -31,6 +31,27 @@ def at(times: Array) -> Stamps:
     return np.round(times * MILLISECOND).astype(np.int64)
 
 
+@pytest.mark.parametrize('pieces', [1, 3, 17])
+def test_the_integral_of_an_evenly_changing_rate_is_exact_at_and_between_readings(pieces: int) -> None:
+    times = np.cumsum(np.random.default_rng(0).uniform(2.0, 9.0, 40))
+    gyro, whole = RateIntegrator(GAP), stream(times, even(times))
+    for piece in np.array_split(np.arange(len(times)), pieces):
+        gyro.push(whole[piece])
+    stamps = at(np.concatenate((times[[0, 5, -1]], 0.5 * (times[10:20] + times[11:21]) + 0.7)))
+    milliseconds, first = stamps / MILLISECOND, whole.stamp[0] / MILLISECOND
+    # The mean rate over the time since the first reading.
+    expected = 1e-3 * (milliseconds - first)[:, None] * 0.5 * (even(milliseconds) + even(np.array([first])))
+    found, segment = gyro.integral_at(stamps)
+    assert found == pytest.approx(expected, abs=1e-9)
+    assert np.all(segment == segment[0])
+    outside, nowhere = gyro.integral_at(whole.stamp[[0, -1]] + np.array([-1, 1]))
+    assert np.isnan(outside).all()
+    assert nowhere.tolist() == [-1, -1]
+    gyro.forget_before(int(stamps[3]))
+    assert gyro.integral_at(stamps[3:])[0] == pytest.approx(expected[3:], abs=1e-9)
+    assert np.isnan(gyro.integral_at(stamps[:1])[0]).all()
+
+
 def test_nothing_is_known_in_a_gap_nor_across_one() -> None:
     times = np.concatenate((np.arange(0.0, 200.0, 5.0), np.arange(600.0, 800.0, 5.0)))
     gyro = RateIntegrator(GAP)

@@ -12,7 +12,7 @@ from checked import some
 from mbaid_ros.core.geometry import Array, Flags, exp
 from mbaid_ros.core.joints.stream import JointMerge, joint_channels
 from mbaid_ros.core.odometry.stream import POSE
-from mbaid_ros.core.outliers import JOINT_OUTLIER, JOINTS_HELD, OUTLIER, REPEATED_POSE, Outliers, Repeats
+from mbaid_ros.core.outliers import JOINT_OUTLIER, JOINTS_HELD, OUTLIER, REPEATED_POSE, Copies, Outliers, Repeats
 from mbaid_ros.core.samples import BaseStream, JointStream, Stamps
 from windowed import base_stream, piece
 
@@ -151,6 +151,30 @@ def test_a_base_that_stands_still_goes_on() -> None:
     # The one of five and the one of three, and the second at rest from its begin on.
     np.testing.assert_array_equal(stamps, base.stamp[[0, *range(5, 107)]])
     assert dropped == 4  # the last two are not known yet to be repeated or at rest
+
+
+@pytest.mark.parametrize('pieces', [1, 7, 400])
+@pytest.mark.parametrize('late', [0, 1, 15, 45])
+def test_copies_are_dropped_however_late(late: int, pieces: int) -> None:
+    stream = motion(1)
+    order = np.argsort(np.concatenate((np.arange(COUNT), np.arange(COUNT) + late + 0.5)), kind='stable') % COUNT
+    arrived = stream[order]
+    copies = Copies[JointStream](lambda joints: joints.position, SECOND)
+    ends = np.linspace(0, len(order), pieces + 1).astype(int).tolist()
+    parts = [copies.push(arrived[begin:end]) for begin, end in pairwise(ends) if end > begin]
+    left = JointStream.concatenate([part for part in parts if part is not None])
+    np.testing.assert_array_equal(left.stamp, stream.stamp)
+    np.testing.assert_array_equal(left.position, stream.position)
+    assert sum(copies.dropped.values()) == COUNT
+
+
+def test_another_reading_of_the_same_stamp_is_no_copy() -> None:
+    stream = motion(2)
+    copies = Copies[JointStream](lambda joints: joints.position, SECOND)
+    assert copies.push(stream) is stream
+    other = copies.push(with_positions(stream, stream.position + 1e-9)[-20:])
+    assert other is not None
+    assert len(other.stamp) == 20
 
 
 RATE, COUNT, JOINTS = 50, 600, 4

@@ -65,6 +65,16 @@ def test_columns_become_messages(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert (wrench.header.frame_id, wrench.wrench.force.x, wrench.wrench.force.z) == ('plate', 0.25, -1.0)
 
 
+def test_fields_in_quotes_are_numbers(tmp_path: Path) -> None:
+    assert convert(tmp_path) == 0
+    plain = messages(tmp_path, '/odom')
+    quoted = '\n'.join(', '.join(f'"{field}"' for field in line.split(',')) for line in TABLE.splitlines())
+    (tmp_path / 'quoted').mkdir()
+    assert convert(tmp_path / 'quoted', quoted) == 0
+    same = map(repr, messages(tmp_path / 'quoted', '/odom'))
+    assert list(same) == list(map(repr, plain))
+
+
 def test_a_byte_order_mark_is_no_part_of_the_first_name(tmp_path: Path) -> None:
     """As Excel and PowerShell save a table."""
     for folder, mark in (('plain', ''), ('marked', '\ufeff')):
@@ -131,6 +141,10 @@ def test_a_mapping_that_does_not_fit_is_one_line(
         ('', 'has no rows of numbers'),
         ('t,x,y,yaw,q1,qd1,fx\n1,2', 'has 2 fields in line 2; accepted: 7'),
         (TABLE.replace('0.25', 'fast'), "has 'fast' in line 5; accepted: a number"),
+        ('t,x,y,yaw,q1,qd1,fx\n1,2,3,4,5,"6', 'has 6 fields in line 2; accepted: 7'),
+        (TABLE + ',' * 10_001, 'has more than 10000 separators in line '),
+        ('t,x,y,yaw,q1,qd1,fx\n1,1,1,,1,1,1', "column 'yaw' of log '"),
+        ('t,x,y,yaw,q1,qd1,fx\n1,1,1,,1,1,1\n2,,,1,1,1,1', "a number in the time and in every column of 'base'"),
         (','.join(map(str, range(1001))) + '\n1', 'has 1001 columns; at most 1000 are accepted'),
     ],
 )

@@ -232,3 +232,43 @@ def test_what_is_no_mesh_is_refused_in_a_line(
     with pytest.raises(ModelError, match=r"mesh '.*hand\.stl' cannot be read: [^\n]+$"):
         mesh_points(str(tmp_path / 'hand.stl'))
     assert capfd.readouterr() == ('', '')
+
+
+ENCODED = {
+    'utf-8-sig': 'utf-8',
+    'utf-16': 'UTF-16',
+    'utf-16-be': 'UTF-16',
+    'utf-32': 'utf-32',
+    'gb2312': 'gb2312',
+    'cp1252': 'windows-1252',
+    'iso8859-15': 'ISO-8859-15',
+    'shift_jis': 'Shift_JIS',
+}
+
+
+@pytest.mark.parametrize('codec', ENCODED)
+def test_a_robot_description_is_read_in_its_encoding(codec: str, tmp_path: Path) -> None:
+    name = {'gb2312': '卫星', 'shift_jis': '衛星'}.get(codec, 'Prüfling')
+    body = f"?><robot name='{name}'><link name='base'/></robot>"
+    path = tmp_path / 'robot.urdf'
+    path.write_bytes(f"<?xml version='1.0' encoding='{ENCODED[codec]}'{body}".encode(codec))
+    assert read_robot_description(path) == f"<?xml version='1.0' encoding='utf-8'{body}"
+
+
+@pytest.mark.parametrize(
+    ('content', 'text'),
+    [
+        (b'<robot name="\xfc"/>', 'is not text in UTF-8, and declares no other encoding; save it in UTF-8'),
+        (b'<?xml version="1.0" encoding="gb2312"?><robot name="\xff"/>', 'is not text in GB2312, as it declares'),
+        (
+            b'<?xml version="1.0" encoding="zlib_codec"?><robot/>',
+            "declares the encoding 'zlib_codec', which is not known",
+        ),
+        (b'<?xml version="1.0" encoding="klingon"?><robot/>', "declares the encoding 'klingon', which is not known"),
+    ],
+)
+def test_an_encoding_that_does_not_fit_is_one_line(content: bytes, text: str, tmp_path: Path) -> None:
+    path = tmp_path / 'robot.urdf'
+    path.write_bytes(content)
+    with pytest.raises(ModelError, match=text):
+        read_robot_description(path)
