@@ -91,6 +91,7 @@ def estimate_message(
         time_offset_std=float(estimate.time_offset_std),
         consistency_correction=float(estimate.consistency_correction),
         events=[_event(event, estimate, types) for event in estimate.events],
+        repairs=[str(repair) for repair in estimate.repairs],
         samples=int(estimate.samples),
         span=_duration(max(0.0, estimate.time), types),
         warnings=[*estimate.warnings, *warnings, *map(str, estimate.flexible)],

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from benchmarks.frame import Frame, number, percent, provenance, statuses, table
+from benchmarks.frame import PUBLISHED, Frame, number, percent, provenance, statuses, table
 from benchmarks.honesty.conditions import Condition
 from benchmarks.honesty.disturbed import CONDITIONS, WRONG_FILES
-from benchmarks.honesty.runs import FAR, REFUSED, Outcome, Verdict, judged, run
+from benchmarks.honesty.runs import FAR, REFUSED, REPAIRED, Outcome, Verdict, judged, run
 
 _SHOWN = 3  # causes that a reader looks at
 
@@ -21,12 +21,17 @@ def main() -> None:
     verdicts: dict[Condition, Verdict] = {}
     for condition, (_, outcome) in zip(chosen, frame.outcomes(Outcome, run, files), strict=True):
         verdicts[condition] = judged(outcome, condition.name)
-        print(' | '.join(_line(condition, verdicts[condition])), flush=True)
+        print(' | '.join(_line(condition, verdicts[condition], {})), flush=True)
+    repaired = _repaired(frame, verdicts)
     summary = _summary(verdicts, method)
     print(summary)
     sections = [
         f'### {group.capitalize()}\n\n'
-        + table(_HEADER, [_line(one, verdict) for one, verdict in verdicts.items() if one.group == group], words=True)
+        + table(
+            _HEADER,
+            [_line(one, verdict, repaired) for one, verdict in verdicts.items() if one.group == group],
+            words=True,
+        )
         for group in dict.fromkeys(condition.group for condition in chosen)
     ]
     frame.write(summary=summary, conditions='\n\n'.join([*sections, provenance()]))
@@ -39,7 +44,15 @@ def _named(verdict: Verdict) -> str:
     return verdict.named.replace('|', '/') or '-'
 
 
-def _line(condition: Condition, verdict: Verdict) -> list[str]:
+def _repaired(frame: Frame, verdicts: Mapping[Condition, Verdict]) -> dict[str, Verdict]:
+    """Return the verdicts with `repair` on the conditions that have runs without numbers, by name."""
+    without = [each.name for each, verdict in verdicts.items() if set(verdict.statuses) - {*PUBLISHED, REFUSED}]
+    files = {(name, REPAIRED): f'repaired-{name}' for name in without}
+    return {name: judged(outcome, name) for (name, _), outcome in frame.outcomes(Outcome, run, files)}
+
+
+def _line(condition: Condition, verdict: Verdict, repaired: Mapping[str, Verdict]) -> list[str]:
+    again = repaired.get(condition.name)
     return [
         condition.name,
         str(verdict.statuses.total()),
@@ -52,6 +65,9 @@ def _line(condition: Condition, verdict: Verdict) -> list[str]:
         _named(verdict),
         ', '.join(str(place or '-') for place in verdict.places),
         '**yes**' if verdict.silently_wrong else 'no',
+        '-'
+        if again is None
+        else f'{statuses(again.statuses.elements())}; {percent(again.covered)}; {number(again.largest, 1)}',
     ]
 
 
@@ -90,7 +106,7 @@ def _wrong_files(verdicts: Mapping[str, Verdict]) -> str:
 
 _HEADER = (
     *('condition', 'seeds', 'last status', 'covered', 'largest error', 'jointly', 'at first', 'later', 'named first'),
-    *('true cause', 'silently wrong'),
+    *('true cause', 'silently wrong', 'repaired: last status; covered; largest error'),
 )
 
 

@@ -124,7 +124,7 @@ def drawn(folder: Path, count: int, seed: int) -> list[Mutant]:
 def run(mutants: Sequence[Mutant], arguments: argparse.Namespace) -> list[Outcome]:
     """Return the fate of each mutant, and print the survivors as they are known.
 
-    What is noticed by a test that fails without any mutant as well is not noticed.
+    A test that fails without any mutant notices none.
     """
     imports = Imports(ROOT)
     whole = [['test']] if arguments.whole else []

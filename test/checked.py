@@ -67,7 +67,7 @@ def central_difference(function: Callable[[Array], Array], point: Array, step: f
 
 
 def generic(seed: int, *shape: int) -> Array:
-    """Return numbers of either sign, of which none is near zero and no two vectors, along the last axis, are parallel.
+    """Return numbers of either sign: none is near zero, and no two vectors along the last axis are parallel.
 
     A wrong sign, factor or index changes whatever is computed at such a point.
     """
@@ -83,7 +83,7 @@ def generic(seed: int, *shape: int) -> Array:
 def assert_derivative(found: Array, function: Callable[[Array], Array], point: Array, *, step: float = 1e-5) -> None:
     """Compare a derivative (..., n) with central differences of a function at a point (n,), and require its change.
 
-    A derivative of which all is zero there would be no test: each coordinate has to change the function.
+    Each coordinate has to change the function: a derivative of zero would be no test.
     """
     expected = central_difference(function, point, step)
     size = np.abs(expected).max(axis=tuple(range(expected.ndim - 1)))

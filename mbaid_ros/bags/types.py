@@ -20,7 +20,18 @@ from mbaid_ros.estimate_messages import MessageTypes
 ESTIMATE_TYPE = 'mbaid_msgs/msg/InertiaEstimate'
 EVENT_TYPE = 'mbaid_msgs/msg/MomentumEvent'
 # Fields that a type had not always: bags from before them are read by their own definition, without these.
-ADDED = {ESTIMATE_TYPE: {'stage', 'standard_deviation', 'budget_causes', 'budget_shares', 'phase', 'stale', 'events'}}
+ADDED = {
+    ESTIMATE_TYPE: {
+        'stage',
+        'standard_deviation',
+        'budget_causes',
+        'budget_shares',
+        'phase',
+        'stale',
+        'events',
+        'repairs',
+    }
+}
 _DEFINITION = re.compile(r'^\s*(?:([a-z]\w*)/)?(?:msg/)?([A-Z]\w*)', re.MULTILINE)
 
 

@@ -69,8 +69,8 @@ class NoiseConfig:
     reported in any case."""
 
     trust_declared: bool = parameter(default=False)
-    """Keep the declared noise of the base where the readings contradict it; otherwise the estimated noise replaces it,
-    with a warning."""
+    """Keep the declared noise of base and joints where the readings contradict it; otherwise the estimated noise
+    replaces it, with a warning."""
 
     @property
     def declared(self) -> SensorNoise:
@@ -163,6 +163,9 @@ class EstimatorConfig:
     continue_from: str = parameter('')
     """JSON file of replay, of a run of the same robot and target with the same parameters: this run goes on from what
     that one has taught, but for the momentum."""
+    repair: bool = parameter(default=False)
+    """Take the leading cause of a contradiction into account and start the run again, at most three times within the
+    first 300 s: only for method trajectory, and runs that begin after the capture."""
     frame_prefix: str = parameter('')
     """Prefix of link names in frame names, in received and published messages, as for robot_state_publisher:
     servicer/."""

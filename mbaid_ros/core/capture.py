@@ -16,8 +16,8 @@ from mbaid_ros.core.results.estimate import CapturePhase, Estimate, determined
 from mbaid_ros.core.results.verdict import Reason, notes, with_reasons
 from mbaid_ros.core.robot.momentum import MomentumKernel, momentum_change
 from mbaid_ros.core.samples import FEWEST, Samples, SensorNoise, with_rates
-from mbaid_ros.core.tasks import Tasks
 from mbaid_ros.parameters import parameter
+from mbaid_ros.tasks import Tasks
 
 PHASES = ('post_capture', 'pre_capture')
 ENOUGH = 50  # redundant equations, before residual and jumps are judged: variances of fewer are uncertain to a fifth

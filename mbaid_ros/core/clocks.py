@@ -9,13 +9,15 @@ from typing import ClassVar
 
 import numpy as np
 
-from mbaid_ros.core.contracts import Convention, Linear, NominalModel, Reading, Unknown, Words
+from mbaid_ros.core.contracts import Convention, Linear, NominalModel, Reading, Unknown, Words, converted
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.repair import Conversion, Repair, numbers, widened, with_band
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.windows import Window
 from mbaid_ros.parameters import parameter
 
 OFFSET, CLOCK = 'time offset', 'clock drift'
+_LARGEST_DRIFT = 0.01  # of time_offset.drift_std
 _CLEAR = 4.0  # standard deviations, from which a delay is one: joints are moved in time at the price of noise in them
 # s, late or early by 50 ms to half a second: less is within the prior of the time offset.
 _DELAYS = 0.05 * np.concatenate((np.arange(-10, 0), np.arange(1, 11)))
@@ -46,6 +48,17 @@ class TimeOffset(Unknown):
     }
     in_readings = True
     in_equations = False  # of the measured motion at one instant
+
+    def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
+        """Return the offset as uncertain as it is large."""
+        del cause, kernel
+        return Repair(
+            f'the joints are stamped {with_band(value, std, 1e3)} ms late',
+            {'time_offset.prior_std': widened(float(np.abs(value[0])))},
+            value=numbers(value),
+            std=numbers(std),
+            unit='s',
+        )
 
     def reading(self, motion: Reading) -> tuple[Array, Array]:
         """Return how much further on pose and twist are read."""
@@ -88,6 +101,16 @@ class ClockDrift(Linear):
         )
     }
 
+    def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
+        """Return the drift as uncertain as it is large."""
+        del cause, kernel
+        return Repair(
+            f'the clocks drift apart by {with_band(value, std, 1e6)} ppm',
+            {'time_offset.drift_std': widened(float(np.abs(value[0])), _LARGEST_DRIFT)},
+            value=numbers(value),
+            std=numbers(std),
+        )
+
     def reading(self, motion: Reading) -> tuple[Array, Array]:
         """Return how much further on pose and twist are read, and how much faster the base is by the joints' clock."""
         time = motion.time[:, None]
@@ -112,7 +135,8 @@ def joints_stamped_late(kernel: MomentumKernel) -> Iterator[Convention]:
         text = (
             f'the joints are stamped some {how} against the poses: correct the stamps, or raise time_offset.prior_std'
         )
-        yield Convention(text, kernel, partial(_stamped, delay=delay), delay=delay)
+        repair = replace(converted(text, Conversion(delay=delay)), value=delay, unit='s')
+        yield Convention(text, kernel, partial(_stamped, delay=delay), delay=delay, repair=repair)
 
 
 def _stamped(windows: Sequence[Window], delay: float) -> list[Window]:

@@ -10,6 +10,7 @@ from typing import ClassVar, Literal, Protocol
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags, cross, crossed, exp, mounted_base, rotate_back
+from mbaid_ros.core.repair import Conversion, Repair
 from mbaid_ros.core.results.verdict import Reason
 from mbaid_ros.core.robot.model import Kinematics, Link, PlaneDetector
 from mbaid_ros.core.robot.momentum import BodyStates, MomentumKernel
@@ -165,6 +166,18 @@ class Unknown:
     def part(self, cause: str) -> Unknown:
         """Return its independent numbers that have most to do with a label alone."""
         return replace(self, factor=self.factor[:, np.array(self.causes) == cause])
+
+    def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair | None:
+        """Return how a run takes a cause of it into account; None where it cannot.
+
+        Parameters
+        ----------
+        cause : one of its labels
+        value, std : the numbers (k,) of that cause as estimated with a wider prior, SI units
+        kernel : of the robot
+        """
+        del cause, value, std, kernel
+        return None
 
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array | None:
         """Return how the momentum depends on it, all twists as they are, (N, 6, k); None where it does not.
@@ -547,6 +560,7 @@ class Hypothesis:
     # axes of a constant force and torque: of the base, on its origin, or inertial, at the common centre of mass
     force: Axes = 'none'
     physical: bool = True  # whether it has a mechanism; a random walk follows anything
+    repair: Repair | None = None  # how a run takes it into account; None where it cannot
 
     @property
     def disturbed(self) -> bool:
@@ -581,6 +595,7 @@ class Convention:
     base_range: float = 0.0  # m, that positions of the base do
     delay: float = 0.0  # s, of the joints' stamps
     misfit_left: float = LEFT  # part of the misfit that it may leave to be tried
+    repair: Repair | None = None  # how a run takes it into account; None where it cannot
 
     def possible(self, windows: Sequence[Window]) -> bool:
         """Return whether windows may follow this convention: degrees make whole turns, millimetres are long."""
@@ -591,6 +606,11 @@ class Convention:
 
 # What may be mistaken on a robot.
 ConventionFactory = Callable[[MomentumKernel], Iterable[Convention]]
+
+
+def converted(text: str, conversion: Conversion) -> Repair:
+    """Return the repair of a cause, the first part of its text, by a conversion of the readings."""
+    return Repair(text.partition(':')[0], conversion=conversion)
 
 
 def _largest(values: Iterable[Array]) -> float:

@@ -14,6 +14,7 @@ import numpy as np
 from mbaid_ros.core.contracts import Axes, Disturbance, Hypothesis, NominalModel, Unknown, Words, diagonal
 from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.orbit import Orbit, OrbitConfig, make_orbit
+from mbaid_ros.core.repair import Repair, Setting, numbers, widened, with_band
 from mbaid_ros.core.robot.model import Kinematics, PlaneDetector, RobotModel
 from mbaid_ros.core.robot.momentum import THRUSTER_ERRORS, BodyStates, MomentumKernel
 from mbaid_ros.core.samples import Samples, stamp_of
@@ -306,6 +307,18 @@ class ExternalTorque(Disturbance):
     }
     redrawn_per_motion = True
 
+    def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
+        """Return it as uncertain as it is large."""
+        del kernel
+        kind, unit = ('force', 'N') if cause.startswith(FORCE) else ('torque', 'N m')
+        return Repair(
+            f'a {kind} of {with_band(value, std)} {unit} acts from outside',
+            {f'disturbance.{kind}_std': widened(float(np.max(np.abs(value))))},
+            value=numbers(value),
+            std=numbers(std),
+            unit=unit,
+        )
+
     @property
     def time_constants(self) -> Array:
         """The time constant of each component; inf where it is constant."""
@@ -366,6 +379,16 @@ def disturbances(torque: DisturbanceModel, force: DisturbanceModel) -> tuple[Ext
     factors = (diagonal(np.full(3, push.deviation)) for push in (torque, force))
     one, other = zip(factors, labels, (torque, force), strict=True)
     return ExternalTorque(*one), ExternalForce(*other)
+
+
+def disturbance_repair(cause: str, torque: DisturbanceModel, force: DisturbanceModel) -> Repair:
+    """Return a torque and a force that vary, each with a level and a time, as the repair of a cause."""
+    parameters: dict[str, Setting] = {}
+    for kind, push in (('torque', torque), ('force', force)):
+        if push.deviation > 0.0:
+            parameters |= {f'disturbance.{kind}_std': push.deviation, f'disturbance.{kind}_time': push.time}
+    level = torque.deviation or force.deviation
+    return Repair(cause, parameters, value=level, unit='N m' if torque.deviation > 0.0 else 'N')
 
 
 @dataclass(frozen=True, eq=False)

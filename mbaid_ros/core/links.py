@@ -12,6 +12,7 @@ from scipy.linalg import block_diag
 
 from mbaid_ros.core.contracts import Convention, NominalModel, Unknown, Words
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.repair import Repair, Setting, numbers, widened
 from mbaid_ros.core.robot.model import Link, PlaneDetector, RobotModel, express
 from mbaid_ros.core.robot.momentum import (
     BodyStates,
@@ -176,6 +177,34 @@ class KnownBodies(Unknown):
     def mass_row(self) -> Array:
         """Return the sum of the bodies' masses."""
         return np.asarray(self.factor[::10].sum(axis=0))
+
+    def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair | None:
+        """Return mass, CoM and inertia of the link as uncertain as they are off; None of a body that cannot be."""
+        name = cause.partition(':')[2]
+        body = kernel.known[kernel.model.link(name).body]
+        if body[0] + value[0] <= 0.0:
+            return None
+        before, after = physical(body), physical(body + value)
+        # The inertia is declared at a given mass, relative to the mean moment.
+        change = after[4:] - after[0] / before[0] * before[4:]
+        moment = max(float(np.mean(before[[4, 7, 9]])), np.finfo(float).tiny)
+        sizes = abs(value[0]) / body[0], np.max(np.abs(after - before)[1:4]), np.max(np.abs(change)) / moment
+        rows = np.flatnonzero(np.array(self.labels) == cause)
+        declared = physical_jacobian(body) @ self.factor[rows]
+        prior = np.sqrt(np.sum(declared**2, axis=1))
+        beside = prior[0] / before[0], np.max(prior[1:4]), np.max(prior[4:]) / moment
+        parameters: dict[str, Setting] = {}
+        for part, size, given, most in zip(
+            ('mass_relative_std', 'com_std', 'inertia_relative_std'), sizes, beside, (1.0, np.inf, 1.0), strict=True
+        ):
+            if (wider := widened(float(size), most)) > given:
+                parameters[f'known_links.{name}.{part}'] = wider
+        heavier = 'heavier' if value[0] > 0.0 else 'lighter'
+        moved = float(np.linalg.norm((after - before)[1:4]))
+        text = f'link {name} is {abs(value[0]):.3g} ± {1.96 * std[0]:.2g} kg {heavier}, its centre of mass'
+        return Repair(
+            f'{text} {1e3 * moved:.3g} mm off', parameters, value=numbers(value[:1]), std=float(std[0]), unit='kg'
+        )
 
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
         """Return the bodies' regressors, less the orbit's momentum: momentum is linear in a body's parameters."""

@@ -11,7 +11,7 @@ import numpy as np
 from mbaid_ros.core.clocks import TimeOffset
 from mbaid_ros.core.contracts import ConventionFactory, Hypothesis, Unknown, kind_in_words, underestimated_text
 from mbaid_ros.core.diagnosis.isolation import CandidateCauses, Change, FaultIsolation, with_findings
-from mbaid_ros.core.diagnosis.passes import another_body
+from mbaid_ros.core.diagnosis.passes import another_body, estimated_repair
 from mbaid_ros.core.filter.hypotheses import HypothesisFilter
 from mbaid_ros.core.filter.posterior import (
     Continuation,
@@ -34,9 +34,20 @@ from mbaid_ros.core.passive.joints import (
     soft_grasp_warnings,
 )
 from mbaid_ros.core.pipeline import Estimator
+from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.results.estimate import PULSE, SYMPTOM, WITHHELD, Estimate, Event, PassiveJoint, Thruster
 from mbaid_ros.core.results.identifiable import IntervalConsistency, Reporting, Solution
-from mbaid_ros.core.results.verdict import MOST_JUMPS, Evidence, Reason, Verdict, judge, notes, with_reasons
+from mbaid_ros.core.results.verdict import (
+    MOST_JUMPS,
+    Cause,
+    Evidence,
+    Reason,
+    Verdict,
+    is_suspect,
+    judge,
+    notes,
+    with_reasons,
+)
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import MomentumKernel, momentum_change, standard
 from mbaid_ros.core.samples import FEWEST, Samples, SensorNoise, with_rates
@@ -53,14 +64,15 @@ from mbaid_ros.core.state import (
     variables,
 )
 from mbaid_ros.core.target import ChangedTarget, target_changed_text
-from mbaid_ros.core.tasks import AT_ONCE, Kind, Tasks, Work
 from mbaid_ros.core.windows import KnotAveraging, Window, without_twist
+from mbaid_ros.tasks import AT_ONCE, Kind, Tasks, Work
 
 _NOTHING = 1e-6  # chance that noise looks like a constant force as large: one less sure is not reported
 _AT_REST = 'no joint has moved yet: with joints at rest no single body is observable'
 _TUMBLING = (
     'no joint has moved yet: tumbling determines only the ratios of the moments of inertia; calibrate reports them'
 )
+_WIDER = 30.0  # times the declared deviation, with which a thing that is further off is estimated for its repair
 _SETTLING = 2  # windows that a changing target may take: the next run begins as many later
 _FEWEST = 3  # samples of a window, whose knots are too far apart with fewer
 _SPARSE = 'too few joint states for windows of {:g} s: read the joints more often, or set window to {:g} or more'
@@ -325,7 +337,7 @@ class TrajectoryEstimator:
         estimate = self._reporting.estimate(solution, history)
         known, declared = estimate.identifiable, self._settings.declared
         budget = error_budget(distribution, layout, declared, prior_scales, known) if known.any() else None
-        estimate = replace(estimate, budget=budget, causes=history.causes)
+        estimate = replace(estimate, budget=budget, causes=history.causes, remedies=history.remedies)
         if not self._settings.located:  # the frame moves with the common centre of mass
             momentum, covariance = estimate.momentum.copy(), estimate.momentum_covariance.copy()
             momentum[:3] = covariance[:3] = covariance[:, :3] = np.nan
@@ -351,7 +363,17 @@ class TrajectoryEstimator:
             physical=hypothesis.physical,
             gain=run.log_likelihood_ratio,
             instead=(kind_in_words(instead), gain),
+            repairs=self._repairs(run, beside_prior),
         )
+
+    def _repairs(self, run: Run, beside_prior: PriorScaleFactors) -> dict[str, Repair]:
+        """Return how to take into account each thing that is further off than declared, by its name in words."""
+        far = [cause for cause, value in beside_prior.distances.items() if is_suspect(value)]
+        if not far:
+            return {}
+        distribution = run.distribution()
+        found = {kind_in_words(cause): estimated_repair(distribution, self._layout, cause, _WIDER) for cause in far}
+        return {what: repair for what, repair in found.items() if repair is not None}
 
     def _history(self, run: Run, now: Estimate, distribution: MeanAndCovariance, verdict: Verdict) -> Estimate:
         """Return all that is known of a run by now, but for body and momentum."""
@@ -361,6 +383,7 @@ class TrajectoryEstimator:
             now,
             stage='trajectory',
             causes=tuple((cause.text, cause.gain) for cause in verdict.causes),
+            remedies=_remedies(verdict.causes),
             events=(
                 *forces(filtered, distribution),
                 *self._events(distribution),
@@ -418,6 +441,8 @@ class TrajectoryEstimator:
         isolation.begin_if_due(run, suspicious=not verdict.adequate or bool(verdict.causes))
         if not verdict.adequate and (causes := isolation.causes(run)):
             return replace(verdict, causes=causes)
+        if not isolation.searched:  # a cause that is tried may explain more
+            return replace(verdict, causes=tuple(replace(cause, repair=None) for cause in verdict.causes))
         return verdict
 
     def _no_solution(self, run: Run, now: Estimate, window: Samples, *, joints_moved: bool) -> Estimate:
@@ -435,10 +460,12 @@ class TrajectoryEstimator:
         if joints_moved:
             # A run that has lost its solution has not explained the contradiction.
             isolation.begin_if_due(run, suspicious=run.inconsistent or isolation.suspicious)
+        causes = isolation.causes(run)
         return replace(
             now,
             status='waiting' if joints_moved and not run.has_state else 'not_identifiable',
-            causes=tuple((cause.text, cause.gain) for cause in isolation.causes(run)),
+            causes=tuple((cause.text, cause.gain) for cause in causes),
+            remedies=_remedies(causes),
             events=self._events(None),
             warnings=(reason, *self._warnings),
         ).after_thrust(window.impulse[-1])
@@ -486,6 +513,11 @@ class TrajectoryEstimator:
         """Give up the solution and search a start again."""
         if self.run is not None:
             self.run.restart()
+
+
+def _remedies(causes: Sequence[Cause]) -> dict[str, Repair]:
+    """Return how a run takes causes into account, by their texts, where it can."""
+    return {cause.text: cause.repair for cause in causes if cause.repair is not None}
 
 
 def _point_of(estimate: Estimate, layout: Layout, origin: Array) -> Point:
@@ -583,6 +615,7 @@ class TwoStageEstimator:
             time_offset=late.time_offset,
             time_offset_std=late.time_offset_std,
             causes=late.causes,
+            remedies=late.remedies,
             innovations=late.innovations,
         )
         if not self._second.settled:

@@ -53,6 +53,9 @@ _STRIDES = (1, 2, 4, 8, 16, 32)
 _LONG_STRIDES = (16, 32, 64, 128, 256, 512)  # of the poses less the integrated twist: no motion shows at any
 _OF_A_POSE = 12  # differences that a reading of pose and twist ends at most, of each stride
 _GROWS = 1.4  # times the variance grows from one stride to the next, halfway to what errors do that last
+# Times too small or too large, between which a declared noise of the joints is replaced: less hardly matters, and of
+# more the readings are no noise.
+_WRONG_JOINTS = 1.3, 30.0
 _ANEW = 1.25  # times as many differences, at which levels are worked out again: nothing changes before
 # Least level, as a part of a servicer's usual sensor noise: models deviate by more than that.
 _LEAST = 1.0 / 30.0
@@ -375,7 +378,8 @@ class NoiseLevels:
         joints = len(measured)
         self._noise = np.array([noise.joint_position, noise.joint_velocity])
         self._time, self._trusted = noise.base_correlation_time, trusted
-        self._joints = Differences((slice(0, joints), slice(joints, 2 * joints)), (1,))
+        kinds = slice(0, joints), slice(joints, 2 * joints)
+        self._joints, self._apart = Differences(kinds, (1,)), Differences(kinds, (2,))
         columns = slice(0, 3), slice(3, 12), slice(12, 15), slice(15, 18)
         self._base = Differences(columns, _STRIDES)
         self._drift = Differences((slice(0, 3), slice(3, 6)), _LONG_STRIDES, order=1)
@@ -390,7 +394,9 @@ class NoiseLevels:
         if joints is not None and len(joints.stamp):
             read = (joints.position[:, self._measured], joints.velocity[:, self._measured])
             values = np.concatenate(read, axis=1)
-            self._joints.add(joints.stamp, values, np.repeat(self._noise[None], len(values), axis=0))
+            sizes = np.repeat(self._noise[None], len(values), axis=0)
+            self._joints.add(joints.stamp, values, sizes)
+            self._apart.add(joints.stamp, values, sizes)
             self._new += values.size
         if base is not None and len(base.stamp):
             parts = base.position, base.rotation.reshape(-1, 9), base.linear_velocity, base.angular_velocity
@@ -424,7 +430,7 @@ class NoiseLevels:
         """
         if free == self._free and self._total + self._new <= _ANEW * self._counted:
             return self._levels  # counting takes longer than the rest of a window's intake
-        for each in (self._joints, self._base, self._drift):
+        for each in (self._joints, self._apart, self._base, self._drift):
             each.count(stamp)
         self._total = int(self._joints.counts.sum() + self._base.counts.sum())
         self._new = self._joints.uncounted + self._base.uncounted
@@ -451,8 +457,8 @@ class NoiseLevels:
         found = likeliest(poses, twists, long, self._ratio)
         enough = np.concatenate((self._joints.counts.sum(axis=1), counts[..., 0].ravel())) >= FEWEST
         factor = np.sqrt(np.where(enough, np.concatenate((joints, found.variance)), np.nan))
-        # Those of the joints stay as declared.
-        used, contradicted = (np.append([False, False], each) & enough for each in (found.used, found.contradicted))
+        wrong = self._wrong_joints(joints) & (not self._trusted)
+        used, contradicted = (np.append(wrong, each) & enough for each in (found.used, found.contradicted))
         times, before = found.time, self._levels
         growth = np.where(counts[..., 1] > 0, base[..., 1] / np.maximum(base[..., 0], 1e-300), 0.0).min(axis=1)
         # What was clear once stays, where motion hides the errors later.
@@ -465,6 +471,22 @@ class NoiseLevels:
             np.where(hidden[2::2], before.times, times),
             clear=not (np.any(few) or np.any((times == 0.0) & (growth > _GROWS))),
         )
+
+    def _wrong_joints(self, variance: Array) -> Flags:
+        """Return whether the readings contradict the declared noise of joint positions and velocities, (2,).
+
+        They do where their variance (2,), over the declared one, is far from 1, and grows neither by motion nor by
+        errors that last when the readings are further apart.
+        """
+        counts, further = self._joints.counts.sum(axis=1), self._apart.counts.sum(axis=1)
+        known = (counts >= FEWEST) & (further >= FEWEST)
+        size = np.abs(np.log(np.where(known, variance, 1.0)))
+        least, most = 2.0 * np.log(_WRONG_JOINTS)
+        growth = np.log(np.where(known, variances(self._apart.counts) / np.maximum(variance, 1e-300), 1.0))
+        doubt = np.sqrt(2.0 / (_INDEPENDENT * np.maximum(further, 1)))
+        white = np.abs(growth) < np.log(_GROWS) + _DOUBT * doubt
+        sure = 0.5 * _INDEPENDENT * counts * np.maximum(size - least, 0.0) ** 2 > _CLEAR
+        return known & white & sure & (size < most)
 
 
 class NoiseEstimator:

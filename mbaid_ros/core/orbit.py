@@ -9,6 +9,7 @@ import numpy as np
 
 from mbaid_ros.core.contracts import Disturbance, Reading, Words, diagonal
 from mbaid_ros.core.geometry import Array, bracket, chi_square_limit, cross, exp, rotate, rotate_back, skew, unvec
+from mbaid_ros.core.repair import Repair, widened
 from mbaid_ros.core.results.verdict import Reason
 from mbaid_ros.core.robot.model import Configuration, Kinematics, RobotModel, express
 from mbaid_ros.core.samples import BaseStream, Samples
@@ -320,7 +321,14 @@ class Gravity(Disturbance):
         square = float(mean[now] @ np.linalg.solve(covariance[now, now], mean[now]))
         if square <= chi_square_limit(_FALSE_ALARM, 5):
             return None
-        return Reason(orbit_fixed_frame(orbit_rate(self.factor @ mean)), 'contradiction', 0.5 * square)
+        rate = orbit_rate(self.factor @ mean)
+        repair = Repair(
+            f'the frame of the odometry may turn with an undeclared orbit at {1e3 * rate:.2g} mrad/s',
+            {'odometry.turning_std': widened(rate)},
+            value=rate,
+            unit='rad/s',
+        )
+        return Reason(orbit_fixed_frame(rate), 'contradiction', 0.5 * square, repair)
 
 
 def gravity_gradient_rates(gradients: Array, whole: Array, origin: Array) -> Array:

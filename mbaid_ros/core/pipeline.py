@@ -20,13 +20,14 @@ from mbaid_ros.core.noise import NoiseEstimator
 from mbaid_ros.core.odometry.faults import twist_check
 from mbaid_ros.core.odometry.stream import POSE, hermite
 from mbaid_ros.core.outliers import JOINT_OUTLIER, JOINTS_HELD, Outliers, Repeats
+from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.noise_levels import SensorLevels
 from mbaid_ros.core.results.verdict import Reason, notes, with_reasons
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.samples import FEWEST, BaseStream, ImuStream, JointStream, Samples, Stamps, with_rates
 from mbaid_ros.core.streams import LARGEST_BACKLOG, Found, StampPattern, Windows
-from mbaid_ros.core.tasks import Tasks
+from mbaid_ros.tasks import Tasks
 
 OUT_OF_ORDER = 'stamp not after the one before'
 NO_ODOMETRY = 'no odometry around the stamp'
@@ -484,13 +485,13 @@ class PlainFaults:
                 self.name('zeros', int(base.stamp[first]), text)
             self._zeros = None
 
-    def name(self, symptom: str, since: int, text: str) -> None:
+    def name(self, symptom: str, since: int, text: str, repair: Repair | None = None) -> None:
         """Name a fault that is plain from a stamp (ns) on: a cause where anything is wrong."""
         severity = CHECKS[symptom].severity if symptom in CHECKS else 'note'
         if symptom not in self._found or since < self._found[symptom][0]:
-            self._found[symptom] = since, Reason(text, severity, _CERTAIN)
+            self._found[symptom] = since, Reason(text, severity, _CERTAIN, repair)
 
-    def _name_all(self, found: Iterable[Found]) -> None:
+    def _name_all(self, found: Iterable[Found | tuple[str, int, str, Repair | None]]) -> None:
         for each in found:
             self.name(*each)
 

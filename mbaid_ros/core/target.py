@@ -11,6 +11,7 @@ from mbaid_ros.core.contracts import RIGHT, Convention
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.links import BodyDeviations
+from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.robot.momentum import MomentumKernel, physical, physical_jacobian, standard
 from mbaid_ros.core.state import BODY
@@ -175,7 +176,8 @@ def other_targets(kernel: MomentumKernel) -> Iterator[Convention]:
     for body, name in last.items() if len(kernel.unknown) == 1 else ():
         if body != kernel.target.body:
             text = f'the unknown body seems to be held by {name}, not {kernel.target.name}: set target_link: {name}'
-            yield Convention(text, kernel.with_unknown_link(name), misfit_left=RIGHT)
+            repair = Repair(text.partition(':')[0], {'target_link': name})
+            yield Convention(text, kernel.with_unknown_link(name), misfit_left=RIGHT, repair=repair)
 
 
 @dataclass(frozen=True, eq=False)

@@ -139,6 +139,7 @@ def estimate_report(state: RunState) -> Report:
         ('residual', f'{estimate.residual:.3g}'),
         ('identifiable', listing(name for name, known in zip(PARAMETERS, estimate.identifiable, strict=True) if known)),
         *_parameters(estimate),
+        *((f'repair {index + 1}', repair) for index, repair in enumerate(estimate.repairs)),
         *((f'likely cause {index + 1}', cause) for index, cause in enumerate(causes)),
         (NEXT, state.advice),
         (MAIN_CAUSES, '' if estimate.budget is None else estimate.budget.main_causes(estimate.std)),

@@ -164,12 +164,12 @@ class EstimatorNode(Node):
         session = self._state.session
         if session is None:
             return
-        estimates = session.process()
+        estimates = session.process(at_once=False)
         self._publication.publish(session, estimates)
-        if estimates:
+        if estimates or session.catching_up:
             self._background_due = True  # after the estimates
-            if self._report_due:
-                self._report()
+        if estimates and self._report_due:
+            self._report()
 
     @property
     def is_due(self) -> bool:

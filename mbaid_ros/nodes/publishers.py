@@ -121,7 +121,7 @@ def headline(estimate: Estimate) -> str:
             parts.append(f'{PARAMETERS[index]} {value}{f" ± {band}" if band else ""} {UNITS[index]}')
     if any('±' in part for part in parts):
         parts.append('± 95 %')
-    parts += [f'residual {estimate.residual:.2g}', _method(estimate)]
+    parts += [f'residual {estimate.residual:.2g}', _method(estimate), *map(str, estimate.repairs)]
     if estimate.likely_causes:
         parts.append(f'likely cause: {estimate.likely_causes[0][0]}')
     elif estimate.status in _ALARMING and estimate.warnings:

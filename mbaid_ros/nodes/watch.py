@@ -61,9 +61,11 @@ def screen(message: Any, topic: str, width: int, advice: str = '') -> list[str]:
         lines.append(f'residual {message.residual:.2f} (1 is as expected)')
     if mostly := budget(message):
         lines += textwrap.wrap(f'{MAIN_CAUSES}: {mostly}', max(width, NARROWEST), subsequent_indent='  ')
+    for repair in message.repairs:
+        lines += textwrap.wrap(f'* {one_line(repair)}', max(width, NARROWEST), subsequent_indent='  ')
     if advice:
         lines += textwrap.wrap(f'{NEXT}: {one_line(advice)}', max(width, NARROWEST), subsequent_indent='  ')
-    for warning in message.warnings:
+    for warning in (each for each in message.warnings if each not in message.repairs):
         lines += textwrap.wrap(f'! {one_line(warning)}', max(width, NARROWEST), subsequent_indent='  ')
     return [line[:width].rstrip() for line in lines]
 
@@ -78,10 +80,11 @@ def line(message: Any, advice: str = '') -> str:
             parts.append(f'{name} {shown}{f" {_SIGN}{band}" if band else ""} {unit}')
     if mostly := budget(message):
         parts.append(f'{MAIN_CAUSES}: {mostly}')
+    parts += message.repairs
     if advice:
         parts.append(f'{NEXT}: {advice}')
-    if message.warnings:
-        parts.append('! ' + '; '.join(message.warnings))
+    if warnings := [each for each in message.warnings if each not in message.repairs]:
+        parts.append('! ' + '; '.join(warnings))
     return one_line(', '.join(parts))
 
 

@@ -51,6 +51,10 @@ def _replay_parser() -> ArgumentParser:
     _add_results(parser)
     add('--truth', metavar='JSON', help='truth for the report (default: truth.json beside each bag)')
     add('--output', metavar='BAG', help='write the estimates as messages into a new bag')
+    words = 'take the leading cause of a contradiction into account, and start the bag again'
+    add('--repair', action='store_true', help=words)
+    words = 'write the parameters that give the same result, with what --repair has found'
+    add('--params-output', metavar='YAML', help=words)
     words = 'predict the last part of each bag from the rest (in the report of a minute or more: 0.2)'
     add('--holdout', type=_fraction, metavar='FRACTION', help=words)
     words = 'runs of one robot and target: each goes on from what the bags before it have taught'

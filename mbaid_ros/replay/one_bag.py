@@ -18,7 +18,6 @@ from mbaid_ros.core.pipeline import Estimator
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import Samples, stamps_of
 from mbaid_ros.core.target import Debris
-from mbaid_ros.core.tasks import Method
 from mbaid_ros.errors import DataError
 from mbaid_ros.estimate_messages import Frames, Publications
 from mbaid_ros.parameters import values_of
@@ -26,6 +25,7 @@ from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.results import Arrivals, History, Run, TopicStatistics
 from mbaid_ros.session.explanation import intake_warnings, missing_joints
 from mbaid_ros.session.session import Session
+from mbaid_ros.tasks import Method
 
 ESTIMATE_TOPIC = '/estimator/estimate'
 _DEBRIS = '/estimator/debris'
@@ -113,18 +113,17 @@ def replay_bag(
     """
     known = None if before is None or before.posterior is None else before.posterior.continuation
     session = Session(config, urdf, before=known)
-    robot = session.robot
-    history = History()
+    kept = _Kept(session, writer)
     with BagReader(path, inputs.start, inputs.end) as bag:
         inputs = inputs.resolved(bag)
         intake = _Intake(session, inputs, inputs.topics(bag))
         for _ in feed(bag, inputs, intake.add, progress):
-            _keep(session.process(), session, history, writer)
-        _keep(session.finish(), session, history, writer)
+            kept.add(session.process())
+        kept.add(session.finish())
         topics = intake.statistics(bag)
         model_summary = session.model_summary()
         warnings = (*bag.warnings, *intake.warnings, *model_summary.warnings, *intake_warnings(session))
-    posterior = session.posterior()
+    posterior, history, robot = session.posterior(), kept.history, session.robot
     final = history.last or Estimate(method=config.method, status='waiting')
     return Run(
         bag=path,
@@ -143,7 +142,7 @@ def replay_bag(
         phase=robot.phase,
         capture=robot.captured(history.last) if history.last else None,
         posterior=posterior,
-        advice='' if posterior is None or final.contradicted else _advice(config, posterior),
+        advice='' if posterior is None or final.contradicted else _advice(session.config, posterior),
     )
 
 
@@ -193,12 +192,32 @@ class _Intake:
         return self._arrivals[topic].count if self._inputs.sliced else bag.topics[topic].count
 
 
-def _keep(estimates: Sequence[Estimate], session: Session, history: History, writer: EstimateWriter | None) -> None:
-    robot = session.robot
-    for estimate in estimates:
-        history.add(estimate)
-        if writer:
-            writer.write(estimate, session.frames, robot.debris(estimate), robot.captured(estimate))
+class _Kept:
+    """The estimates of a run; a repair starts the run again, and a writer gets those of new windows as a node would.
+
+    Attributes
+    ----------
+    history : of the run since it was started last
+    """
+
+    def __init__(self, session: Session, writer: EstimateWriter | None) -> None:
+        self._session, self._writer = session, writer
+        self._repairs, self._restarted, self._written = 0, 0, -1
+        self.history = History()
+
+    def add(self, estimates: Sequence[Estimate]) -> None:
+        """Add the next estimates."""
+        session = self._session
+        if session.restarted != self._restarted:  # stamps may have jumped back
+            self._restarted, self._repairs, self._written = session.restarted, len(session.repairs), -1
+        elif len(session.repairs) != self._repairs:
+            self.history, self._repairs = History(), len(session.repairs)
+        robot = session.robot
+        for estimate in estimates:
+            self.history.add(estimate)
+            if self._writer and (not session.repairs or estimate.stamp > self._written):
+                self._written = estimate.stamp
+                self._writer.write(estimate, session.frames, robot.debris(estimate), robot.captured(estimate))
 
 
 @dataclass(frozen=True)

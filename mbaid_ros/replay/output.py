@@ -11,14 +11,18 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
+import yaml
 
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.results.budget import PARAMETERS
 from mbaid_ros.core.results.estimate import PassiveJoint
 from mbaid_ros.core.results.noise_levels import CHANNELS, SensorLevels
 from mbaid_ros.core.target import Debris
 from mbaid_ros.files import as_utf8, require_writable, write_text
+from mbaid_ros.parameters import values_of
 from mbaid_ros.replay.results import Run
 from mbaid_ros.session.continuation import continuation_as_json
 
@@ -28,7 +32,7 @@ STDOUT = '-'
 def check_outputs(arguments: argparse.Namespace, *options: str) -> None:
     """Refuse, before the long work, files of options that could not be written after it."""
     for option in ('json', 'report', *options):
-        path = getattr(arguments, option, None)
+        path = getattr(arguments, option.replace('-', '_'), None)
         if option != 'json' or path != STDOUT:
             require_writable(f'--{option}', path)
 
@@ -113,6 +117,7 @@ def as_json(run: Run) -> dict[str, Any]:
         if run.holdout is None
         else {'fraction': run.holdout.fraction, 'ratio': plain(run.holdout.ratio)},
         'causes': [{'cause': cause, 'gain': gain} for cause, gain in final.likely_causes],
+        'repairs': [_repair(each) for each in final.repairs],
         'capture': None if run.capture is None else _capture(run.capture),
         'debris': None if run.debris is None else _debris(run.debris),
         'samples': final.samples,
@@ -122,7 +127,7 @@ def as_json(run: Run) -> dict[str, Any]:
         'made_by': run.made_by and {**run.made_by, 'parameters': dict(run.settings), 'bag_sha256': dict(run.files)},
         'advice': run.advice or None,
         'continuation': None
-        if run.posterior is None or run.contradicted
+        if run.posterior is None or run.contradicted or final.repairs
         else continuation_as_json(run.posterior.continuation, run.urdf),
         'history': [
             {
@@ -134,6 +139,25 @@ def as_json(run: Run) -> dict[str, Any]:
             for estimate in run.history
         ],
     }
+
+
+def _repair(repair: Repair) -> dict[str, Any]:
+    """Return a cause that the run takes into account; `parameters` is None where its readings are converted."""
+    numbers = {name: plain(getattr(repair, name)) for name in ('value', 'std', 'unit', 'since')}
+    parameters = None if repair.parameters is None else plain(repair.parameters)
+    return {'cause': repair.cause, 'parameters': parameters, **numbers}
+
+
+def parameter_file(run: Run) -> str:
+    """Return the parameters of a run, those of its repairs in place of its declarations, as a ROS parameter file."""
+    values, defaults = dict(run.settings), values_of(EstimatorConfig())
+    values['repair'] = False
+    for each in run.final.repairs:
+        values |= each.parameters or {}
+    given = {name: plain(value) for name, value in values.items() if name not in defaults or value != defaults[name]}
+    lines = [f'# {each}' for each in map(str, run.final.repairs)]
+    content = yaml.safe_dump({'/**': {'ros__parameters': given}}, sort_keys=False, allow_unicode=True)
+    return '\n'.join([*lines, content])
 
 
 def passive_joints(joints: Sequence[PassiveJoint]) -> dict[str, dict[str, Any]] | None:

@@ -23,10 +23,11 @@ from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.config.parameter_files import given_parameters, read_robot_description
 from mbaid_ros.errors import DataError, ParameterError
+from mbaid_ros.files import write_text
 from mbaid_ros.parameters import build
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.one_bag import EstimateWriter, progress_bar, replay_bag
-from mbaid_ros.replay.output import as_json, check_outputs, write_results
+from mbaid_ros.replay.output import as_json, check_outputs, parameter_file, write_results
 from mbaid_ros.replay.provenance import hashes, made_by
 from mbaid_ros.replay.results import DEFAULT_FRACTION, LONG_ENOUGH, Holdout, Run, holdout_of
 from mbaid_ros.replay.saved import Truth, read_truth, truth_beside
@@ -123,9 +124,12 @@ def replay(arguments: argparse.Namespace) -> int:
 
     Raises DataError, ModelError, ParameterError: A bag, the robot or an argument cannot be used.
     """
-    check_outputs(arguments)
-    if arguments.output and len(arguments.bags) > 1:
-        raise ParameterError(f'--output takes the estimates of one BAG; {len(arguments.bags)} are given')
+    check_outputs(arguments, 'params-output')
+    for option in ('output', 'params_output'):
+        if getattr(arguments, option) and len(arguments.bags) > 1:
+            words = 'estimates' if option == 'output' else 'parameters'
+            name = option.replace('_', '-')
+            raise ParameterError(f'--{name} takes the {words} of one BAG; {len(arguments.bags)} are given')
     truths = _truths(arguments)
     config = _config(arguments)
     urdf = read_robot_description(arguments.model)
@@ -146,6 +150,8 @@ def replay(arguments: argparse.Namespace) -> int:
         runs = [replace(each, made_by=made, files=hashes(each.bag)) for each in runs]
     results = [as_json(run) for run in runs]
     content = results[0] if len(results) == 1 else results
+    if arguments.params_output:
+        write_text(arguments.params_output, parameter_file(runs[0]))
     write_results(arguments, content, lambda: texts(runs), lambda: _page(runs, truths))
     return exit_code(runs)
 
@@ -159,7 +165,7 @@ def _continued(bags: Sequence[str], config: EstimatorConfig, urdf: str, inputs: 
         with progress_bar(bag) as progress:
             run = replay_bag(bag, config, urdf, inputs, progress=progress, before=before)
         runs.append(replace(run, warnings=(*run.warnings, *notes)))
-        if run.posterior is None or run.contradicted:
+        if run.posterior is None or run.contradicted or run.final.repairs:
             notes = (*notes, f'nothing goes on from {bag}, which reached no estimate that can be trusted')
         else:
             before = run
@@ -192,7 +198,7 @@ def _truths(arguments: argparse.Namespace) -> list[Truth | None]:
 def _config(arguments: argparse.Namespace) -> EstimatorConfig:
     """Return the parameters: the file's, then those of -p, then those with an argument of their own."""
     values = given_parameters(arguments, 'estimator')
-    given = {'method': arguments.method, 'target_link': arguments.target}
+    given = {'method': arguments.method, 'target_link': arguments.target, 'repair': arguments.repair or None}
     return build(EstimatorConfig, values | {name: value for name, value in given.items() if value is not None})
 
 

@@ -10,6 +10,7 @@ from mbaid_ros.cli import one_line
 from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.method import FIRST_STAGE
+from mbaid_ros.core.repair import leading_repair
 from mbaid_ros.core.results.budget import MAIN_CAUSES, PARAMETERS, UNITS, UNOBSERVABLE, rounded
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate
 from mbaid_ros.core.samples import JOINT_MISSING
@@ -46,7 +47,7 @@ def summary(run: Run) -> str:
     rows += [] if run.holdout is None else [f'  {run.holdout.sentence}']
     rows += [] if run.contradicted else [f'  passive joint: {one_line(str(joint))}' for joint in final.flexible]
     rows += [] if final.noise is None else [f'  noise: {line}' for line in final.noise.differences()]
-    rows += [f'  {one_line(line)}' for line in (*_event_lines(run), *likely_causes(run))]
+    rows += [f'  {one_line(line)}' for line in (*_event_lines(run), *likely_causes(run), *offered_repair(run))]
     return '\n'.join([*rows, *(f'  warning: {one_line(warning)}' for warning in run.all_warnings)])
 
 
@@ -106,7 +107,23 @@ def method(estimate: Estimate) -> str:
 
 
 def verdict(run: Run) -> str:
-    """Return the result in one sentence."""
+    """Return the result in one sentence, which begins with the repairs that it rests on."""
+    repairs = run.final.repairs
+    if not repairs:
+        return _verdict(run)
+    made = f'repaired: {"; ".join(f"{each.cause} ({each.how})" for each in repairs)}'
+    return f'{made}; {"all the same, " if run.contradicted else ""}{_verdict(run)}'
+
+
+def offered_repair(run: Run) -> list[str]:
+    """Return that option --repair would take the leading cause into account, where it would."""
+    found = leading_repair(run.final.likely_causes, run.final.remedies)
+    if found is None or run.settings.get('repair'):
+        return []
+    return [f'--repair takes the leading cause into account ({found.how}), and goes on']
+
+
+def _verdict(run: Run) -> str:
     missing = ', '.join(name for name, known in zip(PARAMETERS, run.final.identifiable, strict=True) if not known)
     rest = f'; not determined by this motion: {missing}' if missing else ''
     if run.final.status == 'inconsistent':

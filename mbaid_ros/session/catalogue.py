@@ -27,15 +27,15 @@ from mbaid_ros.core.links import known_bodies, mistaken_masses
 from mbaid_ros.core.odometry.faults import axis_conventions, inverted_marker, mistaken_poses
 from mbaid_ros.core.odometry.model import (
     LATE,
-    TURNING,
-    OdometryTurning,
     TwistLate,
     declared_mount,
     declared_scale,
+    declared_turning,
     declared_twist_bias,
     drifting_position,
     marker_frame,
     odometry_scale,
+    odometry_turning,
     twist_bias,
 )
 from mbaid_ros.core.orbit import declared_gravity, declared_orbit_shape
@@ -71,6 +71,7 @@ def unknowns(config: EstimatorConfig, kernel: MomentumKernel, imu: Link | None) 
         declared_drift(config.time_offset),
         declared_scale(config.odometry, located=located),
         declared_twist_bias(config.odometry, located=located),
+        declared_turning(config.odometry, located=located),
         declared_gravity(config.orbit, located=located),
         *declared_disturbances(config.disturbance, config.orbit, config.window, located=located),
         *declared_orbit_shape(config.orbit),
@@ -124,7 +125,7 @@ def suspects(model: RobotModel) -> tuple[Unknown, ...]:
     """
     return (
         odometry_scale(5e-5),
-        OdometryTurning(3e-6 * np.eye(3), (TURNING,) * 3),
+        odometry_turning(3e-6),
         clock_drift(1e-6),
         TwistLate(np.array([[3e-4]]), (LATE,)),
         twist_bias(1e-5, 0.0),

@@ -25,15 +25,17 @@ from mbaid_ros.core.odometry.stream import PoseReader, measured_orientation, odo
 from mbaid_ros.core.orbit import falling_frame
 from mbaid_ros.core.outliers import Copies
 from mbaid_ros.core.pipeline import Estimator, Identifier, PlainFaults, Synchroniser, WindowChecks
+from mbaid_ros.core.repair import Conversion, Repair
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Packets, Source, number_of, stamp_of, stamps_of
 from mbaid_ros.core.streams import OTHER_CLOCK, Gate, Reorder
 from mbaid_ros.core.wheels import StoredMomentum, vector_of
-from mbaid_ros.errors import DataError
+from mbaid_ros.errors import DataError, ParameterError
 from mbaid_ros.estimate_messages import Frames
 from mbaid_ros.session.continuation import read_continuation
 from mbaid_ros.session.methods import make_capture, make_estimator
 from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
+from mbaid_ros.session.repairing import Given, Recording, RepairPolicy, conversions, refuse_repair, repaired
 from mbaid_ros.session.robot import EXACT_ROBOT, Robot, declared_exact
 
 JOINTS, ODOMETRY, IMU = 'joint_states', 'odom', 'imu'
@@ -187,6 +189,8 @@ def _kinds(messages: Sequence[Any]) -> set[Source]:
 class Intake:
     """The readers of a run's messages, and the measurements that wait until their order is sure.
 
+    Readings are converted in order by `conversions`, of which times count from `origin` (ns).
+
     Raises ParameterError: The IMU cannot be on the frame that the parameters name.
 
     Attributes
@@ -197,8 +201,11 @@ class Intake:
     alone, orientation_measured : whether an IMU alone measures the base's motion, and has measured an orientation
     """
 
-    def __init__(self, config: EstimatorConfig, robot: Robot) -> None:
+    def __init__(
+        self, config: EstimatorConfig, robot: Robot, conversions: Sequence[Conversion] = (), origin: int = 0
+    ) -> None:
         self._robot = robot
+        self._conversions, self._origin = conversions, origin
         self.joint_reader = JointReader(robot.model.independent_joints, config.wheels.names, config.flexible.joints)
         prefix, declared = config.frame_prefix, config.noise.declared
         self.odometry_reader = odometry_reader(robot.model, prefix, robot.marker, config.twist_frame, declared)
@@ -244,6 +251,9 @@ class Intake:
         base, dropped_base = self.odometry_reader.read(messages[ODOMETRY])
         self._refused += dropped_joints + dropped_base
         joints, base = self._without_copies(joints), self._pose_copies.push(base)
+        for conversion in self._conversions:
+            joints = conversion.joints(joints, self._robot.readings, self._origin)
+            base = conversion.base(base)
         self.faults.add(joints, base)
         imu = None
         if IMU in messages:
@@ -317,16 +327,29 @@ def _rates(stream: ImuStream) -> Array:
 
 
 class Segment:
-    """The readers of a run's messages, and its method; parameters as for Session."""
+    """The readers of a run's messages, and its method; parameters as for Session.
+
+    Parameters
+    ----------
+    conversions : of the readings, in order
+    origin : ns, stamp of the first sample, where there are any
+    """
 
     def __init__(
-        self, config: EstimatorConfig, robot: Robot, make: MakeEstimator | None, before: Continuation | None
+        self,
+        config: EstimatorConfig,
+        robot: Robot,
+        make: MakeEstimator | None,
+        before: Continuation | None,
+        *,
+        conversions: Sequence[Conversion] = (),
+        origin: int = 0,
     ) -> None:
         self._config = config
         self._robot = robot
         self._left = [round(1e9 * part * config.window) for part in _LEFT]
         self._processed = (-1, 0)  # end of the window last processed in, and how many of the times of `_LEFT` passed
-        self.intake = Intake(config, robot)
+        self.intake = Intake(config, robot, conversions, origin)
         model, described = robot.model, robot.kernel
         make = make or partial(make_estimator, before=before)
         method = partial(make, config, described, robot.known)
@@ -444,6 +467,7 @@ class Session:
     robot : as it is known by now
     restarts : the latest reasons for which it has started again by itself since the last `reset`
     restarted : how often
+    repairs : causes of a contradiction that the run takes into account, in the order in which they were found
     base_source : of the messages that locate the base
     intake : readers of the segment's messages
     thrust : commanded thrust since the segment began
@@ -457,8 +481,10 @@ class Session:
         make: MakeEstimator | None = None,
         before: Continuation | None = None,
     ) -> None:
+        refuse_repair(config)
         self.robot = Robot(config, urdf)
         self.config = replace(config, window=self.robot.window)
+        self._declared = self.config, self.robot
         self._make = make
         self._before = before or read_continuation(config, urdf)
         self.reset()
@@ -478,11 +504,24 @@ class Session:
         self._replaced_earlier: Counter[str] = Counter()
         self._used_earlier = 0
         self._ready: list[Estimate] = []
+        self._latest = -1  # ns, stamp of the latest estimate
+        # A run that continues another one has the unknowns of that one.
+        self._repairs_wanted = self.config.repair and self._before is None
+        self._recording = Recording(kept=self._repairs_wanted)
         self._begin()
 
     def _begin(self) -> None:
-        """Begin a segment."""
-        self._segment = Segment(self.config, self.robot, self._make, self._before)
+        """Begin a segment as declared."""
+        self.repairs: tuple[Repair, ...] = ()
+        self._policy = RepairPolicy()
+        self.config, self.robot = self._declared
+        self._open(0)
+
+    def _open(self, origin: int) -> None:
+        """Open a segment; `origin` (ns) is the stamp of its first sample, where readings are converted."""
+        self._segment = Segment(
+            self.config, self.robot, self._make, self._before, conversions=conversions(self.repairs), origin=origin
+        )
         self.intake, self.thrust = self._segment.intake, self._segment.thrust
         if self.restarts:
             self._segment.identifier.add_note(self.restarts[-1])
@@ -522,24 +561,24 @@ class Session:
         frame, stamp, wrench = wrench_of(message)
         frame = frame.removeprefix(self.config.frame_prefix)
         newest = self.queue.latest
-        if self.thrust.affects_samples(frame, stamp, wrench, newest):
+        if self._recording.pending or self.thrust.affects_samples(frame, stamp, wrench, newest):
             # Earlier messages are processed without it, however the calls are spread.
-            self._ready += self._process()
-        self.thrust.add_command(frame, stamp, wrench, newest)
-        for noted, text in ((self.thrust.late, LATE_THRUST), (self.thrust.exact, EXACT_THRUST)):
-            if noted:
-                self._segment.identifier.add_note(text)
-        if self.thrust.shared:
-            self.intake.faults.name('thrust', stamp, SHARED_THRUST.format(self.thrust.shared))
+            found = self._process(at_once=False)
+            self._ready = self._ready + found
+        self._give(partial(_add_thrust, frame=frame, stamp=stamp, wrench=wrench, newest=newest))
 
     def add_stored_momentum(self, message: Any) -> None:
         """Add a Vector3Stamped of the momentum that wheels or gyros store."""
-        self.intake.stored_momentum.add_sample(*vector_of(message))
+        self._give(partial(_add_stored_momentum, sample=vector_of(message)))
 
-    def process(self) -> list[Estimate]:
-        """Process the added messages and return the new estimates; how calls are spread makes no difference to them."""
-        estimates = self._ready + self._process()
-        self._ready = []
+    def process(self, *, at_once: bool = True) -> list[Estimate]:
+        """Process the added messages and return the new estimates; how calls are spread makes no difference to them.
+
+        Where a repair starts the run again, all its estimates come again. If not `at_once`, `run_slice` makes them, and
+        only those of new windows are returned.
+        """
+        found = self._process(at_once=at_once, new_only=not at_once)
+        estimates, self._ready = self._ready + found, []
         return estimates
 
     def finish(self) -> list[Estimate]:
@@ -551,6 +590,10 @@ class Session:
 
         Call it after the estimates of a window are published. When it runs makes no difference to the numbers.
         """
+        if self._recording.pending:
+            found = self._take_next(new_only=True)
+            self._ready = self._ready + found
+            return True
         try:
             return self._segment.identifier.estimator.tasks.run_slice()
         except UNSOLVABLE as error:
@@ -564,7 +607,8 @@ class Session:
 
         Raises DataError: The run did not begin before a capture, has had it, or has no samples yet.
         """
-        self._ready += self._process()
+        found = self._process()
+        self._ready = self._ready + found
         return self._segment.captured(self.queue.latest)
 
     # State
@@ -586,9 +630,14 @@ class Session:
         return Frames(self.robot.target_link, self.intake.odometry_reader.frame, self.config.frame_prefix)
 
     @property
+    def catching_up(self) -> bool:
+        """Whether a run that was started again has not yet taken all messages; `run_slice` goes on with it."""
+        return self._recording.pending
+
+    @property
     def closing(self) -> int | None:
         """End (ns) of the window whose last messages are coming, so that its estimate is the next thing to do."""
-        return self._segment.closing(self.queue.newest[JOINTS])
+        return None if self._recording.pending else self._segment.closing(self.queue.newest[JOINTS])
 
     @property
     def synchroniser(self) -> Synchroniser:
@@ -621,7 +670,8 @@ class Session:
         if jumped is None:
             return self._segment.is_due(name, stamp, self.queue)
         if jumped:
-            self._ready += self._process(last=True)
+            found = self._process(last=True)
+            self._ready = self._ready + found
             self._start_again(jumped)
         self.queue.confirm_jump(name, message)
         return True
@@ -633,16 +683,83 @@ class Session:
         self._used_earlier += self.collected
         self.restarts = [*self.restarts[1 - _RESTARTS_KEPT :], f'{reason}; started again']
         self.restarted += 1
+        self._recording.forget(kept=self._repairs_wanted)
+        self._latest = -1
         self._begin()
 
-    def _process(self, *, last: bool = False) -> list[Estimate]:
+    def _process(self, *, last: bool = False, at_once: bool = True, new_only: bool = False) -> list[Estimate]:
         messages = self.queue.take_all()
         self.received.update({name: number_of(each) for name, each in messages.items()})
+        behind = self._recording.pending
+        self._recording.add(partial(Segment.process, messages=messages, last=last))
+        if not at_once:
+            return [] if behind else self._take_next(new_only=new_only)
+        estimates: list[Estimate] = []
+        while self._recording.pending:
+            repairs = self.repairs
+            found = self._take_next()
+            estimates = estimates + found if self.repairs == repairs else []  # those of a run that was given up go
+        return estimates
+
+    def _give(self, given: Given) -> None:
+        """Let the segment take something after everything that it was given before."""
+        behind = self._recording.pending
+        self._recording.add(given)
+        if not behind:
+            self._take_next()
+
+    def _take_next(self, *, new_only: bool = False) -> list[Estimate]:
+        """Let the segment take what comes next; return its estimates, or only those of new windows."""
         try:
-            return self._segment.process(messages, last=last)
+            estimates = self._recording.next()(self._segment)
         except UNSOLVABLE as error:
             self._start_again(_unsolved(error))
             return []
+        if not self._repairs_wanted:
+            return estimates
+        for estimate in estimates:
+            repair = self._policy.repair(estimate, self.config, self.repairs)
+            if repair is not None and self._repair(repair):
+                return []
+        if self._policy.over:
+            self._recording.forget(kept=False)
+        texts = tuple(map(str, self.repairs))
+        found = [replace(each, repairs=self.repairs, warnings=(*texts, *each.warnings)) for each in estimates]
+        found = [each for each in found if not new_only or each.stamp > self._latest]
+        self._latest = max([self._latest, *(each.stamp for each in found)])
+        return found
+
+    def _repair(self, repair: Repair) -> bool:
+        """Start the run again with one more repair; return whether its parameters can be used."""
+        origin = self._segment.identifier.origin
+        before = self.config, self.robot, self.repairs
+        try:
+            self.repairs = (*self.repairs, repair)
+            self.config = repaired(self._declared[0], self.repairs)
+            self.robot = Robot(self.config, self.robot.urdf)
+            self._open(origin)
+        except ParameterError:  # the parameters given do not go with it
+            self.config, self.robot, self.repairs = before
+            return False
+        self._policy, self._ready = RepairPolicy(), []
+        self._recording.begin_again()
+        return True
+
+
+def _add_thrust(segment: Segment, frame: str, stamp: int, wrench: Array, newest: int | None) -> list[Estimate]:
+    thrust = segment.thrust
+    thrust.add_command(frame, stamp, wrench, newest)
+    for noted, text in ((thrust.late, LATE_THRUST), (thrust.exact, EXACT_THRUST)):
+        if noted:
+            segment.identifier.add_note(text)
+    if thrust.shared:
+        segment.intake.faults.name('thrust', stamp, SHARED_THRUST.format(thrust.shared))
+    return []
+
+
+def _add_stored_momentum(segment: Segment, sample: tuple[str, int, Array]) -> list[Estimate]:
+    segment.intake.stored_momentum.add_sample(*sample)
+    return []
 
 
 def _unsolved(error: Exception) -> str:

@@ -1,4 +1,4 @@
-"""Plausible mistakes in Python code: none in texts, types, assertions or what is raised."""
+"""Plausible mistakes in Python code: none in texts, types, assertions or raised errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each unknown does to the nominal model, what a planar motion leaves of it, and its words."""
+"""Each unknown's effect on the nominal model, its part in a planar motion, and its words."""
 
 from __future__ import annotations
 

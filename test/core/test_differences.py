@@ -80,7 +80,7 @@ def test_slow_means_of_correlated_readings_vary_as_those_of_an_autoregression() 
 
 
 def levels(declared: float, estimated: float, *, used: bool = False, contradicted: bool = False) -> SensorLevels:
-    """Return levels of which those of the base's position differ from the declared ones."""
+    """Return levels as declared but for those of the base's position."""
     here = np.isin(CHANNELS, 'base_position')
     usual = np.full(len(CHANNELS), 1e-3)
     return SensorLevels(

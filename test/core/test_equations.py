@@ -77,7 +77,7 @@ def test_a_wrong_twist_makes_a_wrong_momentum(
 
 
 def at(time: Array) -> Reading:
-    """Return a motion at some times, of which vibrations depend on no more."""
+    """Return a motion at some times: vibrations depend on these alone."""
     count = len(time)
     nothing, turns = np.zeros((count, 6)), np.zeros((count, 3, 3))
     return Reading(nothing, nothing, turns, turns, turns, time, np.zeros((count, 3)), turns)

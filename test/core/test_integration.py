@@ -154,10 +154,10 @@ def impulse(samples: Samples, errors: Array, late: bool) -> tuple[Array, Array]:
         )
         for stamp, wrench in ((SECOND // 5, generic(1, 6)), (SECOND // 2, OFF))
     ]
-    whole = thrust.with_impulse(samples, 0) if late else samples
+    whole = thrust.with_momentum(samples, 0) if late else samples
     for frame, stamp, wrench in commands:
         thrust.add_command(frame, stamp, wrench, SECOND)
-    columns = (thrust._columns if late else thrust.with_impulse(whole, 0).thrust[-1]).reshape(6, THRUSTER_ERRORS)
+    columns = (thrust._columns if late else thrust.with_momentum(whole, 0).thrust[-1]).reshape(6, THRUSTER_ERRORS)
     return thrust.impulse, columns
 
 
@@ -170,7 +170,7 @@ def test_the_impulse_depends_on_the_errors_of_a_thruster_as_its_columns_say(late
 
     found, step = impulse(samples, np.zeros(5), late)[1], 1e-6
     assert_derivative(found[:, :4], lambda errors: function(np.append(errors, 0.0)), np.zeros(4), step=step)
-    # A command begins and ends between two samples, where what a wrench brings changes by a hundredth.
+    # A command begins and ends between two samples: the lever changes by a hundredth meanwhile.
     later = (function(np.array([0.0, 0.0, 0.0, 0.0, 1e-3])) - function(np.zeros(5))) / 1e-3
     assert found[:, 4] == pytest.approx(later, abs=0.05 * np.abs(generic(1, 6)).max())
 

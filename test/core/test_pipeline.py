@@ -20,7 +20,7 @@ from mbaid_ros.core.method import DISAGREE, FIRST_STAGE, LATE, TwoStageEstimator
 from mbaid_ros.core.pipeline import Identifier
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import Samples, Stamps
-from mbaid_ros.core.tasks import Method, Tasks
+from mbaid_ros.tasks import Method, Tasks
 from observed import MID, configured_motion, observe, windows
 from windowed import base_stream, joint_stream, piece
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbaid_ros.core.tasks import AT_ONCE, SLICE, Kind, Tasks, Work
+from mbaid_ros.tasks import AT_ONCE, SLICE, Kind, Tasks, Work
 
 
 def pieces(sizes: list[int], done: list[int]) -> Work[str]:

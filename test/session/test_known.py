@@ -23,11 +23,11 @@ from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.state import layout_of, variables
-from mbaid_ros.core.tasks import Method
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.parameters import build
 from mbaid_ros.session.robot import EXACT_ROBOT, declared_exact, nominal_model, with_known_errors
 from mbaid_ros.session.session import Session
+from mbaid_ros.tasks import Method
 from servicers import LINKS, standard_parameters
 from simulated import robot
 from streams import run, urdf

@@ -18,13 +18,13 @@ from mbaid_ros.core.pipeline import Estimator
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import JOINT_STATE_TYPE, ODOMETRY_TYPE, Samples
-from mbaid_ros.core.tasks import AT_ONCE, Kind, Method, Work
 from mbaid_ros.packets import packer
 from mbaid_ros.parameters import build
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.session.robot import KnownRobot
 from mbaid_ros.session.session import PART, Session
+from mbaid_ros.tasks import AT_ONCE, Kind, Method, Work
 from recorded import as_bytes
 from simulated import CONFIG
 from streams import run, urdf

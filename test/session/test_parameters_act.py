@@ -60,6 +60,7 @@ def argument(module: Any, name: str, key: str, parameters: dict[str, object]) ->
         ('time_offset.prior_std', 0.1, {}, catalogue, 'time_offset', 'deviation', 0.1),
         ('time_offset.drift_std', 1e-4, {}, catalogue, 'clock_drift', 'deviation', 1e-4),
         ('odometry.scale_std', 0.01, {}, catalogue, 'odometry_scale', 'deviation', 0.01),
+        ('odometry.turning_std', 1e-3, {}, catalogue, 'odometry_turning', 'deviation', 1e-3),
         ('odometry.angular_velocity_bias_std', 1e-3, {}, catalogue, 'twist_bias', 'angular', 1e-3),
         ('disturbance.torque_std', 0.02, {}, catalogue, 'disturbances', 'torque', DisturbanceModel(0.02)),
         ('disturbance.torque_time', 30.0, TORQUE, catalogue, 'disturbances', 'torque', DisturbanceModel(0.1, 30.0)),

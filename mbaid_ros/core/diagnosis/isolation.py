@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain
 
 import numpy as np
@@ -15,6 +15,7 @@ from mbaid_ros.core.filter.gaussian import SquareRootInformation
 from mbaid_ros.core.filter.hypotheses import LONGEST, HypothesisFilter, WhitenedWindows
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.filter.run import Run
+from mbaid_ros.core.forces import DisturbanceModel, disturbance_repair, disturbances
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joints.faults import (
     LARGE_SWING,
@@ -22,19 +23,22 @@ from mbaid_ros.core.joints.faults import (
     joint_noise_factor,
     loose_joint_text,
     stopped_readings,
+    swing_size,
     swinging,
 )
+from mbaid_ros.core.joints.model import tracking_repair
 from mbaid_ros.core.odometry.faults import twist_check, vibration_frequencies
 from mbaid_ros.core.odometry.model import OF_TWIST, marker_text, vibration
 from mbaid_ros.core.passive.joints import swinging_text
+from mbaid_ros.core.repair import Conversion, Repair, widened
 from mbaid_ros.core.results.estimate import PULSE
-from mbaid_ros.core.results.verdict import LARGEST_NIS, Cause, Innovations, Verdict
+from mbaid_ros.core.results.verdict import FOUND_NOISE, LARGEST_NIS, Cause, Innovations, Verdict
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.state import BODY, Declared, Layout, Point
 from mbaid_ros.core.target import target_changed_text
-from mbaid_ros.core.tasks import AT_ONCE, Kind, Tasks, Work, outcome_or_none
 from mbaid_ros.core.windows import Window, without_twist
+from mbaid_ros.tasks import AT_ONCE, Kind, Tasks, Work, outcome_or_none
 
 # Log-likelihood, the odds of bank.MARGIN: a smaller gain is not reported, and a smaller lead is no lead.
 WORTH = 10.0
@@ -49,6 +53,8 @@ _SPOILT = 2  # joints with spoilt readings: two that fail at once are rare, and 
 _MOST_PULSES = 2  # that can be the cause; more of them are the symptom of another one
 _BEFORE = 10  # windows before a change of the target: the body before has to be known
 _PARTS = 3  # of the first jumps, at which the target may have changed: later ones follow from the first
+# Levels, N/kg of the known bodies (N m at a metre), and times, s, of a force that varies.
+_PROCESS_LEVELS, _PROCESS_TIMES = (1e-5, 1e-4, 1e-3), (1.0, 10.0, 100.0)
 _LEFT = 0.1  # of the misfit, that the likeliest cause leaves, for more to be looked for: less may be linearisation
 _LIGHTER = 1.5  # times its mass, that a link may look lighter by: noise may make it more than all
 FEWEST = 4  # windows that have to be left: fewer have hardly more numbers (six each) than body and momentum, sixteen
@@ -81,6 +87,8 @@ class CandidateCause:
     physical: bool = True  # whether it has a mechanism; a random walk follows anything
     change: Change | None = None  # what has become of the target, where that leaves nothing unexplained
     of_twist: bool = False  # whether it is something wrong with the base's twist, which poses can do without
+    vibrates: bool = False  # whether something swings at one frequency
+    repair: Repair | None = None  # how a run takes it into account; None where it cannot
 
 
 @dataclass(frozen=True)
@@ -89,6 +97,7 @@ class IsolationResult:
 
     causes: tuple[CandidateCause, ...]  # the likeliest first
     innovations: Innovations  # of the pass without jumps
+    repairs: Mapping[str, Repair] = field(default_factory=dict)  # of forces and drifts, by the text of the cause
 
     @property
     def leading(self) -> CandidateCause | None:
@@ -101,7 +110,12 @@ class IsolationResult:
         return first if first.gain > max(rivals, default=0.0) else None
 
 
-def ranked(gains: Mapping[str, tuple[float, bool]], innovations: Innovations, joint_noise: float) -> tuple[Cause, ...]:
+def ranked(
+    gains: Mapping[str, tuple[float, bool]],
+    innovations: Innovations,
+    joint_noise: float,
+    repairs: Mapping[str, Repair | None] | None = None,
+) -> tuple[Cause, ...]:
     """Return the candidate causes, the likeliest first.
 
     Parameters
@@ -109,8 +123,12 @@ def ranked(gains: Mapping[str, tuple[float, bool]], innovations: Innovations, jo
     gains : by text the gain of each, and whether it has a mechanism
     innovations : of a pass in which nothing explains anything
     joint_noise : how many times as noisy as declared the joints are by their samples
+    repairs : by text, how a run takes each into account
     """
-    causes = [Cause(text, gain if physical else CATCH_ALL * gain) for text, (gain, physical) in gains.items()]
+    how = repairs or {}
+    causes = [
+        Cause(text, gain if physical else CATCH_ALL * gain, how.get(text)) for text, (gain, physical) in gains.items()
+    ]
     if joint_noise > _TOO_SMALL:
         # The joints' noise is in every sensor's innovations. That of the base is estimated.
         ratio = np.maximum(np.nan_to_num(innovations.ratio, nan=1.0), 1.0)
@@ -118,13 +136,16 @@ def ranked(gains: Mapping[str, tuple[float, bool]], innovations: Innovations, jo
             f'the noise values are too small: noise.joint_position {joint_noise:.1f} times; correct it, or set '
             'noise.estimate'
         )
-        causes.append(Cause(text, 0.5 * float(innovations.count @ (ratio - 1.0 - np.log(ratio)))))
+        repair = Repair(f'the joints are {joint_noise:.1f} times as noisy as declared', FOUND_NOISE, value=joint_noise)
+        causes.append(Cause(text, 0.5 * float(innovations.count @ (ratio - 1.0 - np.log(ratio))), repair))
     return tuple(sorted(causes, key=lambda cause: -cause.gain))
 
 
-def candidate_cause(text: str, filtered: HypothesisFilter, base: SquareRootInformation) -> CandidateCause:
+def candidate_cause(
+    text: str, filtered: HypothesisFilter, base: SquareRootInformation, repair: Repair | None = None
+) -> CandidateCause:
     """Return the gain of a cause over a pass without it."""
-    return CandidateCause(text, filtered.gaussian.log_likelihood - base.log_likelihood)
+    return CandidateCause(text, filtered.gaussian.log_likelihood - base.log_likelihood, repair=repair)
 
 
 def likeliest_kinds(gains: Mapping[str, float]) -> list[str]:
@@ -156,6 +177,13 @@ class Candidate:
     point: Point | None = None
     of_twist: bool = False  # whether it is something wrong with the base's twist
     part: float = 1.0  # of the windows, that it has readings of: the others count as if explained as well
+    vibrates: bool = False  # whether something swings at one frequency
+    # How a run takes it into account; or the label of the unknown that knows.
+    repair: Repair | str | None = None
+
+    def repair_of(self, filtered: HypothesisFilter) -> Repair | None:
+        """Return how a run takes it into account, given the filter at the end; None where it cannot."""
+        return self.passes.repair(filtered, self.repair) if isinstance(self.repair, str) else self.repair
 
 
 @dataclass(frozen=True)
@@ -172,7 +200,12 @@ class CandidateCauses:
     conventions: tuple[ConventionFactory, ...] = ()  # that may be mistaken, in the order in which they are tried
 
     def isolate(
-        self, windows: Sequence[Window], point: Point | None, jumps: Sequence[float] = (), wrong_twist: str = ''
+        self,
+        windows: Sequence[Window],
+        point: Point | None,
+        jumps: Sequence[float] = (),
+        wrong_twist: str = '',
+        leading: str = '',
     ) -> Work[IsolationResult]:
         """Return the candidates found.
 
@@ -182,6 +215,7 @@ class CandidateCauses:
         point : of the run's layout, at which they are linearised; None where it has come to none
         jumps : s, when the momentum seemed to jump in the run
         wrong_twist : how the twist contradicts the poses, in words; empty if it does not
+        leading : cause of the hypothesis that the run reports; empty if undisturbed
 
         Raises
         ------
@@ -204,7 +238,8 @@ class CandidateCauses:
             found += yield from self._scored(candidate, base)
         for hypothesis in self.hypotheses[1:]:
             filtered = yield from wide.filtered(passed, hypothesis)
-            found.append(replace(candidate_cause(hypothesis.cause, filtered, base), physical=hypothesis.physical))
+            cause = candidate_cause(hypothesis.cause, filtered, base, hypothesis.repair)
+            found.append(replace(cause, physical=hypothesis.physical))
         filtered = yield from wide.filtered(passed, quiet, LONGEST)
         if explains(filtered) and 0 < len(filtered.jumps) <= _MOST_PULSES:
             when = ', '.join(f'{jump.time:.1f}' for jump in filtered.jumps)
@@ -212,11 +247,14 @@ class CandidateCauses:
         times = [time for time in jumps if time >= windows[0].start] or [jump.time for jump in filtered.jumps]
         found += yield from self._target_changes(windows, point or at, times[:_PARTS], base)
         # A loose joint explains anything that its encoder may hide: it comes after all causes with a mechanism.
-        left = base.misfit - max((each.gain for each in found if each.physical), default=0.0)
+        best = max((each.gain for each in found if each.physical), default=0.0)
+        left = base.misfit - best
+        repairs = yield from self._processes(found, windows, at, best, leading)
+        found = [replace(each, repair=repairs.get(each.text, each.repair)) for each in found]
         if left > max(WORTH, _LEFT * base.misfit):
             found += yield from self._swinging(windows, at, base)
         found.sort(key=lambda each: -each.gain)
-        return IsolationResult(tuple(each for each in found if each.gain > WORTH), base.innovations)
+        return IsolationResult(tuple(each for each in found if each.gain > WORTH), base.innovations, repairs)
 
     def _unknowns(
         self, windows: Sequence[Window], at: Point, gains: Mapping[str, tuple[float, float]]
@@ -225,7 +263,7 @@ class CandidateCauses:
         for cause in likeliest_kinds({cause: value for cause, (value, _) in gains.items() if value > WORTH}):
             suspected = (each.part(cause) for each in self._suspects if cause in each.causes)
             passes = self.extended(*suspected).with_inflated_prior(cause, gains[cause][1])
-            yield Candidate(_text_of(passes, cause), passes, windows, at, of_twist=cause in OF_TWIST)
+            yield Candidate(_text_of(passes, cause), passes, windows, at, of_twist=cause in OF_TWIST, repair=cause)
 
     def _conventions(self, windows: Sequence[Window], fits: Sequence[Fit]) -> Iterator[Candidate]:
         """Yield the conventions that fit best."""
@@ -235,21 +273,26 @@ class CandidateCauses:
         for fit in [fit for fit in likely if fit not in delays[1:]][:_TRIED]:
             other = replace(self.layout, kernel=fit.convention.kernel)
             passes, read = replace(self, layout=other).extended(), fit.convention.windows(windows)
-            yield Candidate(fit.convention.text, passes, read, fit.point(other), part=len(read) / len(windows))
+            part, repair = len(read) / len(windows), fit.convention.repair
+            yield Candidate(fit.convention.text, passes, read, fit.point(other), part=part, repair=repair)
 
     def _left_out(self, windows: Sequence[Window], wrong_twist: str) -> Iterator[Candidate]:
         """Yield windows without a wrong twist, or without those in which a joint stands still."""
         passes = self.extended()
         if wrong_twist and any(np.isfinite(window.knots.base_twist).any() for window in windows):
-            yield Candidate(wrong_twist, passes, [without_twist(window) for window in windows], of_twist=True)
-        for text, others in stopped_readings(windows, self.layout.kernel.model.joint_names)[:_SPOILT]:
-            yield Candidate(text, passes, others)
+            repair = Repair(wrong_twist.partition(':')[0], conversion=Conversion(with_twist=False))
+            left = [without_twist(window) for window in windows]
+            yield Candidate(wrong_twist, passes, left, of_twist=True, repair=repair)
+        for text, others, stretches in stopped_readings(windows, self.layout.kernel.model.joint_names)[:_SPOILT]:
+            since, conversion = stretches[0][0], Conversion(left_out=stretches)
+            repair = Repair(text.partition(':')[0], conversion=conversion, since=since)
+            yield Candidate(text, passes, others, repair=repair)
 
     def _vibrations(self, windows: Sequence[Window], at: Point, unpredicted: Array) -> Iterator[Candidate]:
         """Yield swings of the base, by how each window's way is not as predicted, (W, p)."""
         for frequency in vibration_frequencies(unpredicted, windows[0].length):
             text = swinging_text(frequency, windows, self.layout.kernel.model.joint_names)
-            yield Candidate(text, self.extended(vibration(frequency)), windows, at)
+            yield Candidate(text, self.extended(vibration(frequency)), windows, at, vibrates=True)
 
     def _scored(self, candidate: Candidate, base: SquareRootInformation) -> Work[list[CandidateCause]]:
         """Return the gain of a candidate, or None if it has none."""
@@ -271,7 +314,9 @@ class CandidateCauses:
             if left_out or candidate.part < 1.0
             else filtered.gaussian.log_likelihood - base.log_likelihood
         )
-        return [CandidateCause(text, gain, of_twist=candidate.of_twist)]
+        repair = candidate.repair_of(filtered) if gain > WORTH else None
+        cause = CandidateCause(text, gain, of_twist=candidate.of_twist, repair=repair)
+        return [replace(cause, vibrates=candidate.vibrates)]
 
     def _target_changes(
         self, windows: Sequence[Window], point: Point, times: Sequence[float], base: SquareRootInformation
@@ -298,6 +343,50 @@ class CandidateCauses:
                     cause = candidate_cause(target_changed_text(time, exchanged=exchanged), filtered, base)
                     found.append(replace(cause, change=Change(time, exchanged) if explains(filtered) else None))
         return sorted(found, key=lambda each: -each.gain)[:1]
+
+    def _processes(
+        self, found: Sequence[CandidateCause], windows: Sequence[Window], point: Point, best: float, leading: str
+    ) -> Work[dict[str, Repair]]:
+        """Return the force and torque that explain a likely force, drift or vibration best, by the text of the cause.
+
+        A run tries constant forces by itself: where it is contradicted all the same, they vary.
+        """
+        names = {each.cause: each.name for each in self.hypotheses if each.disturbed and each.repair is None}
+        names |= {each.text: each.text.partition(':')[0] for each in found if each.vibrates}
+        likely = {each.text for each in found if each.gain > max(WORTH, 0.5 * best)} | {leading}
+        likely &= names.keys()
+        process = (yield from self._process(windows, point)) if likely else None
+        return {} if process is None else {text: disturbance_repair(names[text], *process) for text in sorted(likely)}
+
+    def _process(
+        self, windows: Sequence[Window], point: Point
+    ) -> Work[tuple[DisturbanceModel, DisturbanceModel] | None]:
+        """Return a stationary torque and force that explain windows: of equally likely ones, the least smooth."""
+        mass = float(np.sum(self.layout.kernel.known[:, 0]))
+        likelihoods: dict[tuple[float, float, float], float] = {}
+
+        def tried(torque: float, force: float, time: float) -> Work[None]:
+            models = (DisturbanceModel(each, time) for each in (torque, force))
+            passes = self.extended(*(each for each in disturbances(*models) if each.count))
+            filtered = yield from attempted(passes.filtered_once(windows, point, self.hypotheses[0]))
+            if filtered is not None:
+                likelihoods[torque, force, time] = filtered.gaussian.log_likelihood
+
+        def best() -> tuple[float, float, float]:
+            least = max(likelihoods.values()) - WORTH
+            likely = [each for each, value in likelihoods.items() if value >= least]
+            return min(likely, key=lambda each: (each[2], -each[0] - each[1]))
+
+        for time in _PROCESS_TIMES:
+            for level in _PROCESS_LEVELS:
+                yield from tried(level * mass, level * mass, time)
+        if not likelihoods:
+            return None
+        size, _, time = best()
+        for one in ((size / 3.0,) * 2, (3.0 * size,) * 2, (size, 0.0), (0.0, size)):
+            yield from tried(*one, time)
+        torque, force, time = best()
+        return DisturbanceModel(widened(torque), time), DisturbanceModel(widened(force), time)
 
     def _fits(self, windows: Sequence[Window]) -> Work[list[Fit]]:
         """Return the fits of windows under the conventions that are possible, the declared ones first."""
@@ -349,7 +438,8 @@ class CandidateCauses:
         if not explains(filters[best()]):
             return []  # something else pushes the base, too; and what it explains it has no name for
         text = loose_joint_text(names[likeliest], windows, times)
-        return [replace(candidate_cause(text, filters[best()], base), physical=False)]
+        repair = tracking_repair(names[likeliest], swing_size(windows, times), self.layout.kernel)
+        return [replace(candidate_cause(text, filters[best()], base, repair), physical=False)]
 
     @property
     def _suspects(self) -> tuple[Unknown, ...]:
@@ -432,7 +522,8 @@ class FaultIsolation:
             self._about = tuple(time for time in run.jump_times if time >= since)
             wrong_twist = self._twist.reason()
             text = wrong_twist.text if wrong_twist else ''
-            isolated = self._candidates.isolate(list(self._windows), point, run.jump_times, text)
+            leading = run.best.hypothesis.cause if run.has_state else ''
+            isolated = self._candidates.isolate(list(self._windows), point, run.jump_times, text, leading)
             # The point may be of no robot that can be: a later one may be.
             work, size = outcome_or_none(isolated, np.linalg.LinAlgError), self._candidates.layout.size
             self._tasks.begin(Kind.CAUSES, work, self._accept, size=size, steps=AT_ONCE, due=False)
@@ -464,6 +555,11 @@ class FaultIsolation:
         return (self._windows[-1].start - run.jump_times[0]) / self._windows[-1].length
 
     @property
+    def searched(self) -> bool:
+        """Whether there is the result of a search."""
+        return self._found is not None
+
+    @property
     def _leading(self) -> CandidateCause | None:
         return None if self._found is None else self._found.leading
 
@@ -487,14 +583,16 @@ class FaultIsolation:
         if found is None:
             return ()
         gains = {cause.text: (cause.gain, cause.physical) for cause in found.causes}
+        repairs = {cause.text: cause.repair for cause in found.causes}
         leading = run.best.hypothesis if run.has_state else None
         if leading is not None and leading.disturbed:  # the run may have more windows by now
             # Over all of the run, not its latest windows alone: a hypothesis that fits anything gains nothing then.
             least = min((cause.gain for cause in found.causes), default=run.log_likelihood_ratio)
             lead = run.log_likelihood_ratio if leading.physical else min(run.log_likelihood_ratio, least)
             gains.setdefault(leading.cause, (lead, leading.physical))
+            repairs.setdefault(leading.cause, leading.repair or found.repairs.get(leading.cause))
         latest = self._noise.for_window(self._samples[-1])
-        return ranked(gains, found.innovations, joint_noise_factor(self._samples, latest.joint_position))
+        return ranked(gains, found.innovations, joint_noise_factor(self._samples, latest.joint_position), repairs)
 
 
 def with_findings(judgement: Verdict, distribution: MeanAndCovariance, layout: Layout) -> Verdict:
@@ -503,5 +601,6 @@ def with_findings(judgement: Verdict, distribution: MeanAndCovariance, layout: L
         own = slice(place.start - BODY.stop, place.stop - BODY.stop)
         found = unknown.finding(distribution.mean[place], distribution.unknowns_covariance[own, own])
         if found is not None:
-            judgement = replace(judgement.with_cause(Cause(found.text, found.gain or 0.0)), adequate=False)
+            cause = Cause(found.text, found.gain or 0.0, found.repair)
+            judgement = replace(judgement.with_cause(cause), adequate=False)
     return judgement

@@ -16,11 +16,12 @@ from mbaid_ros.core.filter.linearise import LinearisationCache
 from mbaid_ros.core.filter.posterior import MeanAndCovariance, PriorComparison
 from mbaid_ros.core.filter.time_update import pose_reset, with_process_noise
 from mbaid_ros.core.geometry import Array, skew
+from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import MomentumKernel, inertia_matrix
 from mbaid_ros.core.state import BODY, MOMENTUM, Declared, Layout, Point, UnknownsPrior, Variables, variables
-from mbaid_ros.core.tasks import Work
 from mbaid_ros.core.windows import Window
+from mbaid_ros.tasks import Work
 
 FITTED = 30  # work of fitting all windows, in steps of the filter
 _LIGHTEST = -0.05  # times the known mass, that a fitted one is at least: noise may make that of an empty hand negative
@@ -232,6 +233,30 @@ class FilterPasses:
             numbers = unknown.factor @ mean[place]
             found += [numbers[row : row + 1] for row, label in enumerate(unknown.labels) if label == cause]
         return np.concatenate(found) if found else np.zeros(0)
+
+    def repair(self, filtered: HypothesisFilter, cause: str) -> Repair | None:
+        """Return how a run takes a cause into account that is as large as it is estimated; None where it cannot."""
+        return estimated_repair(MeanAndCovariance.from_gaussian(filtered.gaussian, self.variables), self.layout, cause)
+
+
+def estimated_repair(distribution: MeanAndCovariance, layout: Layout, cause: str, wider: float = 1.0) -> Repair | None:
+    """Return how a run takes a cause into account that is as large as it is estimated; None where it cannot.
+
+    It is estimated with a prior so many times wider: with D = 1 - 1 / wider^2, mean m and covariance P of unit numbers
+    become (1 - D P)^-1 m and (1 - D P)^-1 P.
+    """
+    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+        rows = np.flatnonzero(np.array(unknown.labels) == cause)
+        if len(rows):
+            own = np.flatnonzero(np.any(unknown.factor[rows] != 0.0, axis=0))
+            factor, places = unknown.factor[np.ix_(rows, own)], place.start + own
+            mean, inner = distribution.mean[places], places - BODY.stop
+            covariance = distribution.unknowns_covariance[inner[:, None], inner]
+            less = np.eye(len(own)) - (1.0 - wider**-2) * covariance
+            mean, covariance = np.linalg.solve(less, mean), np.linalg.solve(less, covariance)
+            std = np.sqrt(np.maximum(np.diag(factor @ covariance @ factor.T), 0.0))
+            return unknown.repair(cause, factor @ mean, std, layout.kernel)
+    return None
 
 
 def another_body(gaussian: SquareRootInformation, variables: Variables, *, exchanged: bool) -> SquareRootInformation:

@@ -22,8 +22,8 @@ from mbaid_ros.core.results.verdict import status_of
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import BodyStates, MomentumKernel, standard
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.tasks import Method
 from mbaid_ros.errors import ParameterError
+from mbaid_ros.tasks import Method
 
 UNKNOWNS = 10  # parameters of the body
 # The covariance of unexcited parameters grows without limit: it is held at this many times the initial one. Excited

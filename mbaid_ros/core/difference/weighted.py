@@ -26,7 +26,7 @@ from mbaid_ros.core.robot.momentum import (
 )
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.state import UnknownsPrior
-from mbaid_ros.core.tasks import Method
+from mbaid_ros.tasks import Method
 
 UNKNOWNS = 16  # ten parameters of the body, and six of the momentum
 BODY, LINEAR, ANGULAR = slice(0, 10), slice(10, 13), slice(13, 16)

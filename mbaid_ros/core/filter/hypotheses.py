@@ -17,8 +17,8 @@ from mbaid_ros.core.gyro import angular_momentum
 from mbaid_ros.core.results.identifiable import IMPOSSIBLE, Curvature, project
 from mbaid_ros.core.robot.momentum import is_physical, physical_shift, unknown_scale
 from mbaid_ros.core.state import BODY, BODY_PLACES, LINEAR, MOMENTUM, Layout, Point, Variables, near_part
-from mbaid_ros.core.tasks import Work
 from mbaid_ros.core.windows import Window
+from mbaid_ros.tasks import Work
 
 MARGIN = 10.0  # log-likelihood by which a hypothesis must beat the first: odds of 20,000 to 1
 _FALSE_ALARM = 1e-8  # chance that an undisturbed window counts as a jump: one in a year and a half of windows

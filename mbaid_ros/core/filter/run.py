@@ -28,8 +28,8 @@ from mbaid_ros.core.results.identifiable import Curvature
 from mbaid_ros.core.results.verdict import LARGEST_NIS
 from mbaid_ros.core.robot.momentum import body_sizes
 from mbaid_ros.core.state import BODY, BODY_PLACES, Layout, Point, Variables, near_part
-from mbaid_ros.core.tasks import AT_ONCE, Kind, Tasks, outcome_or_none
 from mbaid_ros.core.windows import Window
+from mbaid_ros.tasks import AT_ONCE, Kind, Tasks, outcome_or_none
 
 # The point moves when the estimate is this far from its reference (squared Mahalanobis distance, of 20 to 200
 # numbers): directions that nothing sees gain less information by that than their priors have. It moves along directions

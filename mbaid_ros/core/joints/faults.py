@@ -11,15 +11,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mbaid_ros.core.contracts import Convention
+from mbaid_ros.core.contracts import Convention, converted
 from mbaid_ros.core.geometry import Array, Flags, Integers
 from mbaid_ros.core.joints.stream import position_steps
 from mbaid_ros.core.noise import white_noise
+from mbaid_ros.core.repair import Conversion, Repair, widened
 from mbaid_ros.core.results.verdict import Reason, Severity
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import JointStream, Samples, Stamps
-from mbaid_ros.core.streams import Found
 from mbaid_ros.core.windows import Window
 from mbaid_ros.errors import listing
 
@@ -33,6 +33,7 @@ _MOST_PAIRS = 12  # joints, up to which all pairs (66) are tried: of twenty they
 _TURN = 2.0 * np.pi  # rad, which the readings of an arm hardly reach: in degrees they go further
 _SAME = 1e-12  # rad or m, by which means of equal numbers differ: rounding
 _LISTED = 3  # times that are listed: a line holds no more
+Stretches = tuple[tuple[float, float], ...]  # s, begin and end of each
 # The declared noise, so many times: all joints are tried with the first, the likeliest with the others. Where little is
 # unexplained, a swing that has died down, fewer.
 LARGE_SWING, SMALL_SWING = (30.0, 10.0, 100.0), (3.0, 2.0, 10.0)
@@ -50,6 +51,7 @@ _WRAPPED = 2.1 * np.pi  # rad, range of wrapped angles at most
 _FAR = 1000.0  # rad, that no arm turns by, in degrees neither
 _MOST_STEPS = 0.5  # share of steps of a quarter turn: outliers and turns of wrapped angles are fewer
 _COARSE = 10.0  # rad or m, range of whole numbers from which they are no positions
+_MILLIMETRE = 1e-3  # m: a unit
 _BEYOND, _LONG = 2.0, 1.0  # times its limits that no joint reaches; m, that a prismatic one reads in millimetres
 
 
@@ -113,9 +115,8 @@ def reversed_joints(kernel: MomentumKernel) -> Iterator[Convention]:
     order = np.arange(kernel.model.joints, dtype=np.int64)
     for joint, name in enumerate(kernel.model.joint_names):
         text = f'the sign of {name} is wrong: reverse it in the driver or the URDF'
-        yield Convention(
-            text, kernel, partial(_joints, change=partial(np.multiply, np.where(order == joint, -1.0, 1.0)))
-        )
+        turned = partial(_joints, change=partial(np.multiply, np.where(order == joint, -1.0, 1.0)))
+        yield Convention(text, kernel, turned, repair=converted(text, Conversion(factors={name: -1.0})))
 
 
 def swapped_joints(kernel: MomentumKernel) -> Iterator[Convention]:
@@ -125,7 +126,10 @@ def swapped_joints(kernel: MomentumKernel) -> Iterator[Convention]:
         swapped = np.arange(count, dtype=np.int64)
         swapped[[one, other]] = other, one
         text = f'{names[one]} and {names[other]} are swapped: check the names in the joint states'
-        yield Convention(text, kernel, partial(_joints, change=partial(np.take, indices=swapped, axis=1)))
+        repair = converted(text, Conversion(exchanged=(names[one], names[other])))
+        yield Convention(
+            text, kernel, partial(_joints, change=partial(np.take, indices=swapped, axis=1)), repair=repair
+        )
 
 
 def joints_in_degrees(kernel: MomentumKernel) -> Iterator[Convention]:
@@ -133,7 +137,11 @@ def joints_in_degrees(kernel: MomentumKernel) -> Iterator[Convention]:
     degrees = np.where(kernel.model.prismatic, 1.0, np.deg2rad(1.0))
     if np.any(degrees != 1.0):
         text = 'the joint positions are in degrees: in ROS they are in radians'
-        yield Convention(text, kernel, partial(_joints, change=partial(np.multiply, degrees)), joint_range=_TURN)
+        names = kernel.model.joint_names
+        turning = {name: float(factor) for name, factor in zip(names, degrees, strict=True) if factor != 1.0}
+        repair = converted(text, Conversion(factors=turning))
+        change = partial(_joints, change=partial(np.multiply, degrees))
+        yield Convention(text, kernel, change, joint_range=_TURN, repair=repair)
 
 
 def _joints(windows: Sequence[Window], change: Callable[[Array], Array]) -> list[Window]:
@@ -153,8 +161,8 @@ def without(windows: Sequence[Window], spoilt: Flags) -> list[Window]:
     ]
 
 
-def stopped_readings(windows: Sequence[Window], joints: Sequence[str]) -> list[tuple[str, list[Window]]]:
-    """Return which joint stands still to the bit in some windows while others move, and the other windows.
+def stopped_readings(windows: Sequence[Window], joints: Sequence[str]) -> list[tuple[str, list[Window], Stretches]]:
+    """Return which joint stands still to the bit in some windows while others move, the other windows, and when.
 
     The joint that stands still longest comes first.
     """
@@ -164,13 +172,16 @@ def stopped_readings(windows: Sequence[Window], joints: Sequence[str]) -> list[t
     return [_stopped(windows, still[:, place], joints[place]) for place in found]
 
 
-def _stopped(windows: Sequence[Window], still: Flags, joint: str) -> tuple[str, list[Window]]:
+def _stopped(windows: Sequence[Window], still: Flags, joint: str) -> tuple[str, list[Window], Stretches]:
     groups = groupby(enumerate(still.tolist()), key=itemgetter(1))
-    stretches = [[place for place, _ in group] for stands, group in groups if stands]
-    times = [f'{windows[each[0]].start:.1f} to {windows[each[-1]].start + windows[0].length:.1f}' for each in stretches]
+    places = [[place for place, _ in group] for stands, group in groups if stands]
+    length = windows[0].length
+    # The windows beside them may have a part of it.
+    stretches = tuple((windows[each[0]].start - length, windows[each[-1]].start + 2.0 * length) for each in places)
+    times = [f'{begin + length:.1f} to {end - length:.1f}' for begin, end in stretches]
     listed = ', '.join(times[:_LISTED]) + (' and more' if len(times) > _LISTED else '')
     text = f'the reading of {joint} repeats from {listed} s: check its encoder or driver'
-    return text, without(windows, still)  # the windows beside them may have a part of it
+    return text, without(windows, still), stretches
 
 
 def swinging(windows: Sequence[Window], joint: int, times: float, joints: int) -> list[Window]:
@@ -184,13 +195,16 @@ def swinging(windows: Sequence[Window], joint: int, times: float, joints: int) -
 
 def loose_joint_text(joint: str, windows: Sequence[Window], times: float) -> str:
     """Return the cause that a joint's load swings against its encoder, with that many times the declared noise."""
-    noise = [window.noise for window in windows]
-    # By how much a window's mean is off, one standard deviation.
-    size = 1e3 * times * float(np.mean([np.max(each.joint_position) / np.sqrt(each.samples) for each in noise]))
     return (
-        f'{joint} is flexible or has play: its load swings by about {size:.1g} mrad (mm) relative to its encoder; '
-        'check both'
+        f'{joint} is flexible or has play: its load swings by about {1e3 * swing_size(windows, times):.1g} mrad (mm) '
+        'relative to its encoder; check both'
     )
+
+
+def swing_size(windows: Sequence[Window], times: float) -> float:
+    """Return by how much a window's mean is off, one standard deviation, with that many times the declared noise."""
+    noise = [window.noise for window in windows]
+    return times * float(np.mean([np.max(each.joint_position) / np.sqrt(each.samples) for each in noise]))
 
 
 def joint_noise_factor(windows: Sequence[Samples], declared: float) -> float:
@@ -208,17 +222,20 @@ class JointFaults:
         self.slides, self.wheels = (np.array(each, dtype=bool)[own] for each in (model.prismatic, model.continuous))
         limits = np.array([max(-each.lower, each.upper) for each in model.limits])[own]
         self.bounds = np.maximum(_BEYOND * limits, np.where(self.slides, _LONG, _WRAPPED))  # far beyond the limits
-        self._names = tuple(model.independent_joints[joint] for joint in joints)
+        self.names = tuple(model.independent_joints[joint] for joint in joints)
         self._last: JointStream | None = None
-        self._count, self._first = 0, 0  # readings so far, and ns, stamp of the first
+        self._count, self.first = 0, 0  # readings so far, and ns, stamp of the first
         self._shown: dict[str, Integers] = {}  # by symptom, how many of each joint's readings show it
         self._range: tuple[Array, Array] | None = None
         self.rows, self.jumped = 0, np.zeros(len(joints))  # number and sum of `_View.jump` until now
 
-    def add(self, stream: JointStream) -> Iterator[Found]:
-        """Add readings; yield the symptoms that are frequent enough, each from the reading on that makes it so."""
+    def add(self, stream: JointStream) -> Iterator[tuple[str, int, str, Repair | None]]:
+        """Add readings; yield the symptoms that are frequent enough, each from the reading on that makes it so.
+
+        As of `Found`, with how a run takes each into account, where it can.
+        """
         joined = stream if self._last is None else stream.concatenate((self._last, stream))
-        self._first = self._first if self._count else int(stream.stamp[0])
+        self.first = self.first if self._count else int(stream.stamp[0])
         low, high = self._range or (joined.position[0], joined.position[0])
         lowest = np.minimum(np.minimum.accumulate(joined.position), low)
         highest = np.maximum(np.maximum.accumulate(joined.position), high)
@@ -236,15 +253,16 @@ class JointFaults:
                 row = int(np.argmax(np.any(certain, axis=1)))
                 place, joint = len(joined.stamp) - len(flags) + row, int(np.argmax(certain[row]))
                 text = check.text.format(
-                    name=self._names[joint],
+                    name=self.names[joint],
                     unit='m' if self.slides[joint] else 'rad',
                     by=np.max(np.abs(view.step[max(place - _LATEST, 0) : place, joint]), initial=0.0),
                     value=joined.position[place, joint],
                     lowest=lowest[place, joint],
                     highest=highest[place, joint],
-                    time=1e-9 * (int(joined.stamp[place]) - self._first),
+                    time=1e-9 * (int(joined.stamp[place]) - self.first),
                 )
-                yield symptom, int(joined.stamp[place]), text
+                repair = None if check.repair is None else check.repair(view, place, joint)
+                yield symptom, int(joined.stamp[place]), text, repair
         self._count += new
         self.rows, self.jumped = self.rows + len(view.jump), self.jumped + np.sum(view.jump, axis=0)
         self._range, self._last = (lowest[-1], highest[-1]), joined[-_LATEST:]
@@ -355,6 +373,33 @@ def _shorter(angle: Array) -> Array:
     return np.asarray(angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi)))
 
 
+def _jumped(view: _View, place: int, joint: int) -> Repair:
+    """Return the readings after a jump as if it were none, up to the noise; it is known with the reading at a place."""
+    step = view.step[:, joint]
+    size = float(step[place - 2] - 0.5 * (step[place - 3] + step[place - 1]))
+    name, unit = view.joints.names[joint], 'm' if view.joints.slides[joint] else 'rad'
+    since = int(view.stamp[place - 1])
+    return Repair(
+        f'the reading of {name} jumps by {1e3 * size:+.3g} m{unit}',
+        {f'known_joints.{name}.tracking_std': widened(view.joints.noise)},
+        Conversion(steps=((name, since, size),)),
+        value=size,
+        std=float(np.sqrt(1.5)) * view.joints.noise,
+        unit=unit,
+        since=1e-9 * (since - view.joints.first),
+    )
+
+
+def _other_unit(view: _View, _place: int, joint: int) -> Repair:
+    """Return turning joints as in degrees, or a sliding one as in millimetres."""
+    names, slides = view.joints.names, view.joints.slides
+    if slides[joint]:
+        conversion = Conversion(factors={names[joint]: _MILLIMETRE})
+        return Repair(f'{names[joint]} is in millimetres', conversion=conversion)
+    turning = {name: float(np.deg2rad(1.0)) for name, slide in zip(names, slides.tolist(), strict=True) if not slide}
+    return Repair('the joint positions are in degrees', conversion=Conversion(factors=turning))
+
+
 class Check(NamedTuple):
     """A symptom of joint readings. Those that contradict each other make any estimate inconsistent."""
 
@@ -364,6 +409,8 @@ class Check(NamedTuple):
     text: str  # in words
     extent: float = 0.0  # least range of the joint's readings, rad or m
     fewest: int = _FEWEST  # readings that show it
+    # How a run takes it into account, by the readings, the one that makes it certain, and the joint.
+    repair: Callable[[_View, int, int], Repair] | None = None
 
 
 CHECKS: Mapping[str, Check] = {
@@ -393,6 +440,7 @@ CHECKS: Mapping[str, Check] = {
         _jumps,
         'the reading of {name} jumps by {by:.2g} {unit} at {time:.1f} s: look at its encoder',
         fewest=1,
+        repair=_jumped,
     ),
     'ticks': Check(
         'conflict',
@@ -428,5 +476,6 @@ CHECKS: Mapping[str, Check] = {
         lambda view: (np.abs(view.position) > view.joints.bounds) & ~view.whole,
         '{name} reads {value:.3g}, far beyond its limits in the robot description: degrees, millimetres or encoder '
         'ticks, not {unit}? Convert them in the driver',
+        repair=_other_unit,
     ),
 }

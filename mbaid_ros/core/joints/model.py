@@ -14,6 +14,7 @@ from scipy.linalg.lapack import dtrtrs
 from mbaid_ros.core.contracts import Linear, NominalModel, Stack, Unknown, Words, diagonal
 from mbaid_ros.core.geometry import Array, Integers, cross, rotate, skew
 from mbaid_ros.core.passive.swing import of_swing, passive_momenta
+from mbaid_ros.core.repair import Repair, numbers, widened, with_band
 from mbaid_ros.core.robot.model import Kinematics, PlaneDetector, RobotModel
 from mbaid_ros.core.robot.momentum import BodyStates, MomentumKernel, inertia_matrix, sensitivity_to_joints
 from mbaid_ros.core.samples import ArrayRecord
@@ -57,7 +58,7 @@ class _Tracking:
 
 
 @dataclass(frozen=True)
-class SingleJointDeviations(_Tracking, _Zero):
+class SingleJointDeviations(_Tracking, JointDeviations):
     """Standard deviations of a single joint, in place of those of all."""
 
 
@@ -98,6 +99,19 @@ class JointPlacements(Unknown):
         ),
     }
     calibrated = True
+
+    def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
+        """Return the joint's zero, origin or axis as uncertain as it is off."""
+        part, _, name = cause.partition(':')
+        slides = kernel.model.prismatic[kernel.model.joint_names.index(name)]
+        unit = 'm' if part == 'origin' or (part == 'zero' and slides) else 'rad'
+        return Repair(
+            f'the {part} of {name} is off by {with_band(value, std, 1e3)} m{unit}',
+            {f'known_joints.{name}.{part}_std': widened(float(np.max(np.abs(value))))},
+            value=numbers(value),
+            std=numbers(std),
+            unit=unit,
+        )
 
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
         """Return the change of the momentum by a displaced load of a joint."""
@@ -188,6 +202,11 @@ class JointTracking(Linear):
     in_equations = True
     redrawn_per_motion = True
 
+    def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
+        """Return the joint as far from its reading as it is."""
+        del std
+        return tracking_repair(cause.partition(':')[2], float(np.max(np.abs(value))), kernel)
+
     @property
     def time_constants(self) -> Array:
         """Time constants of the errors."""
@@ -215,6 +234,17 @@ def joint_tracking(names: Sequence[str], deviations: Sequence[float], times: Seq
     return JointTracking(diagonal(each), tuple(f'{TRACKING}:{name}' for name in names), correlation)
 
 
+def tracking_repair(name: str, size: float, kernel: MomentumKernel) -> Repair:
+    """Return a joint that may be off its reading by a size, rad or m, another one in every two seconds."""
+    unit = 'm' if kernel.model.prismatic[kernel.model.joint_names.index(name)] else 'rad'
+    return Repair(
+        f'{name} deviates from its reading by some {1e3 * size:.2g} m{unit}',
+        {f'known_joints.{name}.tracking_std': widened(size)},
+        value=size,
+        unit=unit,
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class GearedJoints(Linear):
     """Of each joint: how it deviates from its reading with its own angle, by sine and cosine of that (rad or m)."""
@@ -229,6 +259,11 @@ class GearedJoints(Linear):
     }
     in_readings = False
     moves_joints = True
+
+    def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
+        """Return the joint as far from its reading as its gear takes it."""
+        del std
+        return tracking_repair(cause.partition(':')[2], float(np.linalg.norm(value)), kernel)
 
     def deflections(self, position: Array, rate: Array) -> tuple[Array, Array]:
         """Return the contribution of each number to the position of its own joint, and to its rate."""

@@ -10,7 +10,7 @@ from itertools import permutations, product
 
 import numpy as np
 
-from mbaid_ros.core.contracts import LEFT, RIGHT, Convention, PlacedFrame
+from mbaid_ros.core.contracts import LEFT, RIGHT, Convention, PlacedFrame, converted
 from mbaid_ros.core.geometry import (
     Array,
     exp,
@@ -21,6 +21,7 @@ from mbaid_ros.core.geometry import (
     rotation_from_quaternion,
 )
 from mbaid_ros.core.odometry.model import marker_text
+from mbaid_ros.core.repair import Conversion, PoseMeaning
 from mbaid_ros.core.results.verdict import Reason, Severity
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import ArrayRecord, Samples
@@ -315,8 +316,8 @@ def _is_held(seen: Array) -> bool:
 
 def mistaken_poses(kernel: MomentumKernel) -> Iterator[Convention]:
     """Yield inverse orientations, quaternions with w first, and positions in millimetres."""
-    for text, pose, far in _POSES:
-        yield _posed(text, kernel, pose, base_range=far)
+    for text, pose, far, meaning in _POSES:
+        yield replace(_posed(text, kernel, pose, base_range=far), repair=converted(text, Conversion(pose=meaning)))
 
 
 def _scalar_first(knots: Knots) -> Knots:
@@ -325,17 +326,19 @@ def _scalar_first(knots: Knots) -> Knots:
     return replace(knots, base_rotation=rotation_from_quaternion(np.roll(quaternion, -1, axis=-1)))
 
 
-_POSES: tuple[tuple[str, Callable[[Knots], Knots], float], ...] = (
+_POSES: tuple[tuple[str, Callable[[Knots], Knots], float, PoseMeaning], ...] = (
     (
         'the orientation of the odometry is the inverse: in ROS it rotates from the base to the odometry frame',
         lambda knots: replace(knots, base_rotation=np.swapaxes(knots.base_rotation, -1, -2)),
         0.0,
+        'inverse',
     ),
-    ('the quaternion of the odometry has its w first: in ROS it is x, y, z, w', _scalar_first, 0.0),
+    ('the quaternion of the odometry has its w first: in ROS it is x, y, z, w', _scalar_first, 0.0, 'w first'),
     (
         'the position of the odometry is in millimetres: in ROS it is in metres',
         lambda knots: replace(knots, base_position=_MILLIMETRE * knots.base_position),
         _FAR_BASE,
+        'millimetres',
     ),
 )
 

@@ -35,6 +35,7 @@ from mbaid_ros.core.geometry import (
 from mbaid_ros.core.joints.model import JointNoise
 from mbaid_ros.core.odometry.stream import AttachedFrame
 from mbaid_ros.core.orbit import orbit_fixed_frame
+from mbaid_ros.core.repair import Conversion, Repair, Setting, numbers, widened, with_band
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import BodyStates, MomentumKernel, force_cross, inertia_matrix, motion_cross
 from mbaid_ros.core.samples import ArrayRecord
@@ -48,6 +49,8 @@ SCALE, ANGULAR_BIAS, LINEAR_BIAS = 'odometry scale', 'twist bias', 'twist veloci
 TURNING, LATE = 'odometry turning', 'twist late'
 OF_TWIST = (LATE, ANGULAR_BIAS, LINEAR_BIAS)  # errors of the twist alone
 _MINUTE = 60.0  # s: a unit
+_LARGEST_SCALE, _FASTEST = 0.1, 0.01  # of odometry.scale_std; rad/s, of odometry.turning_std
+_DRIFT_TIME = 30.0  # s, of the errors of odometry that drifts
 _UNIT = 1e-3  # largest difference of a quaternion parameter from unit length
 
 
@@ -66,6 +69,9 @@ class OdometryMountConfig:
 class OdometryConfig:
     """Constant errors of the odometry, beside its noise."""
 
+    turning_std: float = parameter(0.0, 'rad/s', minimum=0.0, maximum=0.01)
+    """Standard deviation of the angular velocity of the odometry's frame about each axis, as of one that turns with an
+    orbit which orbit.* do not declare; 0: it does not turn."""
     scale_std: float = parameter(0.0, minimum=0.0, maximum=0.1)
     """Relative standard deviation of the odometry's length scale, as from the baseline of a stereo camera; 0: exact."""
     angular_velocity_bias_std: float = parameter(1e-4, 'rad/s', minimum=0.0)
@@ -109,6 +115,22 @@ class OdometryMount(Unknown):
     }
     in_readings = True
     calibrated = True
+
+    def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
+        """Return the mount as uncertain as it is off."""
+        del cause, kernel
+        place, turn = with_band(value[3:], std[3:], 1e3), with_band(value[:3], std[:3], 1e3)
+        parts = zip(('orientation', 'position'), np.split(value, 2), strict=True)
+        parameters: dict[str, Setting] = {
+            f'odometry_mount.{part}_std': widened(float(np.max(np.abs(own)))) for part, own in parts
+        }
+        return Repair(
+            f'the odometry is mounted {place} mm and {turn} mrad off',
+            parameters,
+            value=numbers(value),
+            std=numbers(std),
+            unit='rad, m',
+        )
 
     def equation_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
         """Return how the equations of a robot that is measured by its odometry's frame depend on where that is.
@@ -182,6 +204,16 @@ class OdometryScale(Linear):
     }
     in_equations = True
 
+    def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
+        """Return the scale as uncertain as it is off."""
+        del cause, kernel
+        return Repair(
+            f'the odometry reads lengths {with_band(value, std, 1e2)} % too long',
+            {'odometry.scale_std': widened(float(np.abs(value[0])), _LARGEST_SCALE)},
+            value=numbers(value),
+            std=numbers(std),
+        )
+
     def equation_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
         """Return how the momentum follows from the velocity that is read; the arm of the linear one is left out."""
         del kernel
@@ -220,6 +252,20 @@ class TwistBias(Linear):
     }
     in_equations = True
 
+    def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
+        """Return an angular bias as uncertain as it is large, and the twist left out for a linear one."""
+        del kernel
+        turns = cause == ANGULAR_BIAS
+        unit = 'rad/s' if turns else 'm/s'
+        what = 'angular velocity' if turns else 'velocity'
+        text = f'the {what} of the twist has a bias of {with_band(value, std)} {unit}'
+        if turns:
+            wider = widened(float(np.max(np.abs(value))))
+            parameters = {'odometry.angular_velocity_bias_std': wider}
+            return Repair(text, parameters, value=numbers(value), std=numbers(std), unit=unit)
+        conversion = Conversion(with_twist=False)
+        return Repair(text, conversion=conversion, value=numbers(value), std=numbers(std), unit=unit)
+
     def equation_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
         """Return how the momentum follows from the twist that is read."""
         del kernel
@@ -249,6 +295,17 @@ class OdometryTurning(Linear):
 
     words: ClassVar = {TURNING: Words(deviation=lambda _, value: orbit_fixed_frame(float(np.linalg.norm(value))))}
 
+    def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
+        """Return the frame's angular velocity as uncertain as it is large."""
+        del cause, kernel
+        return Repair(
+            f'the frame of the odometry turns by {with_band(value, std, 1e3)} mrad/s',
+            {'odometry.turning_std': widened(float(np.max(np.abs(value))), _FASTEST)},
+            value=numbers(value),
+            std=numbers(std),
+            unit='rad/s',
+        )
+
     def reading(self, motion: Reading) -> tuple[Array, Array]:
         """Return the rotation of such a frame back, about the run's origin."""
         pose, twist = np.zeros((2, len(motion.time), 6, 3))
@@ -256,6 +313,11 @@ class OdometryTurning(Linear):
         pose[:, :3], pose[:, 3:] = -time * np.eye(3), time * arm
         twist[:, :3], twist[:, 3:] = -np.eye(3), arm
         return pose, twist
+
+
+def odometry_turning(deviation: float) -> OdometryTurning:
+    """Return the frame's angular velocity as an unknown, of a standard deviation, rad/s."""
+    return OdometryTurning(diagonal(np.full(3, deviation)), (TURNING,) * 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,6 +329,13 @@ class TwistLate(Linear):
             deviation=lambda _, value: f'the twist is {1e3 * np.sum(value):+.3g} ms late against the pose: leave it out'
         )
     }
+
+    def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
+        """Return the twist left out."""
+        del cause, kernel
+        text = f'the twist is {with_band(value, std, 1e3)} ms late against the pose'
+        conversion = Conversion(with_twist=False)
+        return Repair(text, conversion=conversion, value=numbers(value), std=numbers(std), unit='s')
 
     def reading(self, motion: Reading) -> tuple[Array, Array]:
         """Return the earlier twist."""
@@ -571,6 +640,7 @@ def drifting_position(position_std: float) -> Hypothesis:
         'the odometry position drifts: check the sensor, or set noise.base_correlation_time',
         position=position_std,
         physical=False,
+        repair=Repair('the odometry position drifts', {'noise.base_correlation_time': _DRIFT_TIME}, unit='s'),
     )
 
 
@@ -603,3 +673,8 @@ def declared_scale(config: OdometryConfig, *, located: bool) -> OdometryScale:
 def declared_twist_bias(config: OdometryConfig, *, located: bool) -> TwistBias:
     """Return the bias of the odometry's angular velocity, exact where nothing locates the base."""
     return twist_bias(config.angular_velocity_bias_std if located else 0.0, 0.0)
+
+
+def declared_turning(config: OdometryConfig, *, located: bool) -> OdometryTurning:
+    """Return the angular velocity of the odometry's frame, exact where nothing locates the base."""
+    return odometry_turning(config.turning_std if located else 0.0)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.results.budget import ErrorBudget
 from mbaid_ros.core.results.noise_levels import SensorLevels
 
@@ -115,6 +116,8 @@ class Estimate:
     # candidate causes if the data contradict the model, the likeliest first, each with the gain
     # of log-likelihood without it
     causes: tuple[tuple[str, float], ...] = ()
+    remedies: Mapping[str, Repair] = field(default_factory=dict)  # by the text of a cause, how to take it into account
+    repairs: tuple[Repair, ...] = ()  # causes that the run takes into account, in the order in which they were found
     events: tuple[Event, ...] = ()  # disturbances of the momentum
     warnings: tuple[str, ...] = ()  # one line each
 

@@ -58,13 +58,15 @@ class SensorLevels:
 
         The filter subtracts the expected bias of their noise in the coefficients; too much of it biases estimates.
         """
-        each = zip(CHANNELS, UNITS, self.declared, self.estimated, self.contradicted, strict=True)
-        replaced = [
-            f'{name.replace("_", " ")} {_wrong(found / declared)}: {found:.2g} {unit} is used, not {declared:.2g}'
-            for name, unit, declared, found, wrong in each
-            if wrong
-        ]
-        texts = [f'the declared noise of the odometry is wrong: {"; ".join(replaced)}'] if replaced else []
+        texts = []
+        for what, own in (('joints', slice(0, 2)), ('odometry', slice(2, 6))):
+            each = zip(CHANNELS, UNITS, self.declared, self.estimated, self.contradicted, strict=True)
+            replaced = [
+                f'{name.replace("_", " ")} {_wrong(found / declared)}: {found:.2g} {unit} is used, not {declared:.2g}'
+                for name, unit, declared, found, wrong in list(each)[own]
+                if wrong
+            ]
+            texts += [f'the declared noise of the {what} is wrong: {"; ".join(replaced)}'] if replaced else []
         declared, found = float(self.declared[0]), max(float(self.estimated[0]), float(TYPICAL[0]))
         if self.used[0] or not declared > _FAR_TOO_LARGE * found:
             return texts

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Integers, chi_square_limit
+from mbaid_ros.core.repair import Repair, Setting
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Status
 
 Severity = Literal['note', 'contradiction', 'conflict']
+# Parameters with which the noise found in the readings takes the place of the declared one.
+FOUND_NOISE: Mapping[str, Setting] = {'noise.estimate': True}
 SENSORS = ('base_orientation', 'base_position', 'base_angular_velocity', 'base_linear_velocity', 'imu')
 # Mean normalised innovation squared, of all or of one sensor, from which the model is wrong, the run not just unlucky.
 LARGEST_NIS = 1.5
@@ -36,6 +39,7 @@ class Reason:
     severity: Severity = 'note'
     # log-likelihood, where the text is a cause as well: it comes first, that of a note only if anything is wrong
     gain: float | None = None
+    repair: Repair | None = None  # how a run takes it into account, where it is a cause
 
 
 def status_of(*, determined: bool, precise: bool) -> Status:
@@ -56,7 +60,7 @@ def with_reasons(estimate: Estimate, reasons: Sequence[Reason]) -> Estimate:
     if not reasons:
         return estimate
     status, causes, warnings = estimate.status, estimate.causes, [*estimate.warnings]
-    withheld = 0
+    withheld, remedies = 0, dict(estimate.remedies)
     for reason in reasons:
         warnings.append(reason.text)
         if reason.severity == 'contradiction' and status == 'not_identifiable':
@@ -65,9 +69,10 @@ def with_reasons(estimate: Estimate, reasons: Sequence[Reason]) -> Estimate:
             status = 'inconsistent'
         if reason.gain is not None and (causes or status == 'inconsistent'):
             causes = ((reason.text, reason.gain), *causes)
+            remedies |= {} if reason.repair is None else {reason.text: reason.repair}
     if withheld:
         warnings.insert(withheld, WITHHELD)
-    return replace(estimate, status=status, causes=causes, warnings=tuple(warnings))
+    return replace(estimate, status=status, causes=causes, remedies=remedies, warnings=tuple(warnings))
 
 
 def notes(texts: Sequence[str]) -> list[Reason]:
@@ -159,6 +164,7 @@ class Cause:
 
     text: str
     gain: float
+    repair: Repair | None = None  # how a run takes it into account; None where it cannot
 
 
 @dataclass(frozen=True)
@@ -178,6 +184,8 @@ class Evidence:
     gain: float  # log-likelihood of that hypothesis over the first
     # the part of the robot that, further off than declared, gains most without a force; and its gain
     instead: tuple[str, float]
+    # by declared thing, in words, how a run takes it into account that it is as far off as it is estimated
+    repairs: Mapping[str, Repair] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -225,6 +233,11 @@ def judge(evidence: Evidence) -> Verdict:
     return Verdict(not reasons, tuple(reasons), _causes(evidence), widening(innovations, evidence.nis))
 
 
+def is_suspect(distance: Distance) -> bool:
+    """Return whether data see a thing so far off that it is a cause, if anything is wrong."""
+    return distance.degrees > 0 and distance.square > chi_square_limit(_RARELY, distance.degrees)
+
+
 def _too_far(distance: Distance) -> bool:
     square, twice, degrees = distance
     return degrees > 0 and square > chi_square_limit(_NEVER, degrees) and twice > chi_square_limit(_NOT_TWICE, degrees)
@@ -245,9 +258,13 @@ def widening(innovations: Innovations, nis: float) -> float:
 def _causes(evidence: Evidence) -> tuple[Cause, ...]:
     """Return the candidate causes, the likeliest first."""
     causes = [
-        Cause(f'{what} is further off than declared: check it, or raise its standard deviation', 0.5 * square)
-        for what, (square, _, degrees) in evidence.distances.items()
-        if degrees and square > chi_square_limit(_RARELY, degrees)
+        Cause(
+            f'{what} is further off than declared: check it, or raise its standard deviation',
+            0.5 * distance.square,
+            evidence.repairs.get(what),
+        )
+        for what, distance in evidence.distances.items()
+        if is_suspect(distance)
     ]
     innovations = evidence.innovations
     for place, sensor in enumerate(SENSORS):
@@ -255,7 +272,9 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
         if innovations.ratio_significance[place] > _SIGNIFICANT:
             gain = 0.5 * count * (ratio - 1.0 - np.log(ratio))
             parameter = 'imu.noise_density' if sensor == 'imu' else f'noise.{sensor}'
-            causes.append(Cause(f'{parameter} is {np.sqrt(ratio):.1f} times too small, or the model is wrong', gain))
+            text = f'{parameter} is {np.sqrt(ratio):.1f} times too small'
+            noisy = None if sensor == 'imu' else Repair(text, FOUND_NOISE, value=float(np.sqrt(ratio)))
+            causes.append(Cause(f'{text}, or the model is wrong', gain, noisy))
         correlation = float(innovations.correlation[place])
         if innovations.correlation_significance[place] > _SIGNIFICANT:
             relative = correlation / max(ratio, 1.0)

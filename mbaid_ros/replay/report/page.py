@@ -37,7 +37,7 @@ from mbaid_ros.replay.report.tables import (
 )
 from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.saved import Truth
-from mbaid_ros.replay.text import likely_causes, method, verdict
+from mbaid_ros.replay.text import likely_causes, method, offered_repair, verdict
 
 _GOOD = {'converged', 'estimating'}
 
@@ -87,7 +87,8 @@ def _causes(run: Run) -> str:
     if not lines:
         return ''
     words = 'Candidate causes, the likeliest first. Each is tried alone, so several may have one origin.'
-    return paragraph(words) + listed(lines, 'causes')
+    offer = ''.join(paragraph(f'Option {each}.', 'sentence') for each in offered_repair(run))
+    return paragraph(words) + listed(lines, 'causes') + offer
 
 
 def _disturbed(run: Run) -> str:

@@ -30,6 +30,7 @@ from mbaid_ros.session.session import Session
 from mbaid_ros.simulation.simulation import Truth
 
 REFUSED = 'refused'
+REPAIRED = 'trajectory with repair'  # in place of a method
 FAR = 5.0  # standard deviations: an error beyond is wrong
 _FEWEST_COVERED = 0.6  # of the parameters, over the seeds
 _WORDS = 150  # characters of a cause
@@ -61,8 +62,10 @@ def _moved(name: str, seed: int) -> tuple[World, Truth]:
 
 
 def run(row: tuple[str, str], seed: int) -> Outcome:
-    """Return the outcome of one run of a row: name of a condition, method."""
+    """Return the outcome of one run of a row: name of a condition, and a method or REPAIRED."""
     name, method = row
+    repair = method == REPAIRED
+    method = 'trajectory' if repair else method
     condition = CATALOGUE[name]
     world, truth = _moved(name, seed if condition.varies else 0)
     robot = load_model(world.urdf)
@@ -74,10 +77,13 @@ def run(row: tuple[str, str], seed: int) -> Outcome:
     clean = read(condition.view(replace(truth, **joints)), NOISE, seed)
     readings = condition.defect(clean, np.random.default_rng([seed, 3]))
     read_robot = replace(robot, joint_names=tuple(np.array(robot.joint_names)[seen].tolist()))
-    values = {'method': method, 'target_link': condition.target, **declared(noise)}
+    values = {'method': method, 'target_link': condition.target, 'repair': repair, **declared(noise)}
     try:
         session = Session(build(EstimatorConfig, values), condition.believed(world.urdf))
-        return _outcome(history(session, published(readings, read_robot, noise)), sought, world.since)
+        estimates = history(session, published(readings, read_robot, noise))
+        if session.robot.target_link != target.name:  # by a repair
+            sought = physical(robot.link(session.robot.target_link).parameters)
+        return _outcome(estimates, sought, world.since)
     except MbaidError as error:
         return _silent(REFUSED, str(error)[:_WORDS])
 
@@ -107,7 +113,7 @@ def _outcome(history: list[Estimate], sought: Array, since: float) -> Outcome:
         error=error[-1],
         std=std[-1],
         jointly=jointly(last, sought),
-        named=next(iter([*causes, *events, *last.warnings]), '')[:_WORDS],
+        named=next(iter([*map(str, last.repairs), *causes, *events, *last.warnings]), '')[:_WORDS],
         causes='\n'.join(causes or events),
         first=float(np.min(time[np.any(given, axis=1)], initial=np.inf)),
         worst=float(np.max(later)),

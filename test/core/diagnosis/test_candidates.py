@@ -1,4 +1,4 @@
-"""Which candidate causes are tried, in which order, and what is made of their passes: rules, without a simulation."""
+"""The rules by which candidate causes are tried, ordered and accepted, without a simulation."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def causes(kind: type[CandidateCauses] = CandidateCauses, *hypotheses: Hypothesi
 def fit(text: str, misfit: float, *, exists: bool = True, delay: float = 0.0, left: float = 0.8, every: int = 1) -> Any:
     """Return a fit under a convention that keeps one in so many windows."""
     convention = SimpleNamespace(
-        text=text, delay=delay, misfit_left=left, kernel=KERNEL, windows=lambda given: given[::every]
+        text=text, delay=delay, misfit_left=left, kernel=KERNEL, windows=lambda given: given[::every], repair=None
     )
     return SimpleNamespace(convention=convention, misfit=misfit, exists=exists, point=lambda layout: (text, layout))
 

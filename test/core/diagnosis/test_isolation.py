@@ -69,6 +69,12 @@ def test_a_swing_is_found_beside_a_drift_and_white_noise_has_none() -> None:
     assert vibration_frequencies(values, 0.5)[0] == pytest.approx(0.31, abs=0.01)
 
 
+@pytest.mark.parametrize('power', [1, 2, 3, 4])
+def test_a_drift_alone_is_no_swing(power: int) -> None:
+    course = np.linspace(-1.0, 1.0, 80)[:, None] ** power
+    assert vibration_frequencies(np.random.default_rng(0).normal(size=(80, 6)) + 40.0 * course, 0.5) == []
+
+
 def ranks(joint_noise: float) -> list[str]:
     """Return what is named where innovations are three times as large as declared and a thing and a walk explain it."""
     large = Innovations.none(6)

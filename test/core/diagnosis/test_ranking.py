@@ -19,9 +19,9 @@ from mbaid_ros.core.diagnosis.isolation import (
     ranked,
 )
 from mbaid_ros.core.results.verdict import Innovations
-from mbaid_ros.core.tasks import Work
+from mbaid_ros.tasks import Work
 
-Row = tuple[float, str]  # gain, and what it is: a thing, something of the twist, or a walk without a mechanism
+Row = tuple[float, str]  # gain, and kind: a thing, an error of the twist, or a walk without a mechanism
 
 
 @pytest.mark.parametrize(
@@ -51,7 +51,7 @@ def test_a_cause_leads_where_no_other_explains_the_data_nearly_as_well(rows: lis
 
 
 def gaussian(misfit: float, log_likelihood: float) -> Any:
-    """Return what is compared of the Gaussian after a pass."""
+    """Return the numbers of the Gaussian after a pass that candidates compare."""
     return SimpleNamespace(misfit=misfit, log_likelihood=log_likelihood)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from mbaid_ros.core.geometry import exp
 from mbaid_ros.core.gyro import _gyro_motion
-from mbaid_ros.core.odometry.faults import Motion, _twist_motion
+from mbaid_ros.core.odometry.faults import Motion, _twist_motion, spread
 from mbaid_ros.core.samples import Samples
 
 WINDOWS, COUNT, STEP = 500, 30, 0.02  # samples of a window, and s between them
@@ -56,3 +56,9 @@ def test_a_gyro_is_as_far_from_the_steps_of_the_poses_as_their_noise_makes_it() 
     found = [motion for each in resting(1e-1, 1e-4, 1.0, 1.0) if (motion := _gyro_motion(each))]
     motions = Motion.concatenate(found)
     assert motions.misfit(motions.read) == pytest.approx(1.0, abs=0.15)
+
+
+def test_the_noise_in_any_axes_is_that_of_the_worst_one() -> None:
+    """The mean over the samples of each axis, the largest of each three, angular ones first."""
+    covariance = np.array([np.diag([1.0, 2.0, 3.0, 4.0, 9.0, 6.0]), np.diag([3.0, 4.0, 7.0, 8.0, 1.0, 8.0])])
+    assert spread(covariance) == pytest.approx([7.0, 7.0, 7.0, 5.0, 5.0, 5.0])

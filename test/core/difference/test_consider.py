@@ -19,7 +19,7 @@ FORCE, TORQUE = generic(0, 3), generic(1, 3)
 
 
 def brought(samples: Samples) -> Array:
-    """Return what a force at the common centre of mass and a torque bring until each sample, about the base, (N, 6)."""
+    """Return the momentum about the base that a force at the centre of mass and a torque have brought, (N, 6)."""
     servicer, start = kernel('servicer7'), samples.base_position[0]
     states = servicer.states(samples)
     bodies = express(servicer.body_parameters(BODY), states.configuration.rotation, states.configuration.position)
@@ -54,7 +54,7 @@ def test_a_push_is_taken_off_that_it_has_brought_until_then(spatial: Truth, drif
 
 
 def test_a_push_counts_each_sample_of_a_window_that_is_thinned(spatial: Truth) -> None:
-    """In one window of 150 samples the equations of 50 stand for all; what a push brings adds up all of them."""
+    """In one window of 150 samples the equations of 50 stand for all; the momentum of a push adds up all of them."""
     samples = observe(spatial, MID)[:150]
     push = DisturbanceModel(0.5, 0.0, 'inertial')
     consider = ConsiderParameters(kernel('servicer7'), disturbances(push, push))

@@ -38,7 +38,7 @@ def sample(kernel: MomentumKernel, seed: int) -> Samples:
 
 
 def measured(exact: Samples, error: Array) -> Samples:
-    """Return the sample with errors of joints, base position and orientation, its velocities, and what is stored."""
+    """Return the sample with errors of joints, base position and orientation, velocities, and stored momentum."""
     joints = exact.joint_position.shape[1]
     position, velocity, place, turn, linear, angular, stored = np.split(
         error, np.cumsum([joints, joints, 3, 3, 3, 3]).tolist()

@@ -16,9 +16,9 @@ from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.filter.run import FIRST, Phase, Run
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.state import BODY, BODY_PLACES, Point
-from mbaid_ros.core.tasks import AT_ONCE, Kind, Tasks, Work
 from mbaid_ros.core.windows import Window
 from mbaid_ros.simulation.simulation import Truth
+from mbaid_ros.tasks import AT_ONCE, Kind, Tasks, Work
 from observed import HIGH, MID, kernel, observe, windows
 
 

@@ -1,4 +1,4 @@
-"""The records of results: what is made of the filter's numbers, and when something known is published no more."""
+"""The records of results: the filter's numbers in units of the user, and the end of a publication."""
 
 from __future__ import annotations
 

@@ -155,6 +155,26 @@ def test_each_evidence_has_its_reason(changes: dict[str, object], reason: str) -
     assert reason in ''.join(verdict.reasons)
 
 
+@pytest.mark.parametrize(
+    ('ratio', 'correlation', 'count', 'reason'),
+    [
+        (2.0, 0.0, 500.0, 'the noise of a sensor is not as declared'),
+        (2.0, 0.0, 20.0, ''),  # 5.5 standard deviations of sixty numbers
+        (1.3, 0.0, 500.0, ''),  # certain, and too little to matter
+        (1.0, 0.3, 500.0, 'the innovations of neighbouring windows are correlated'),
+        (1.0, 0.3, 100.0, ''),  # 5.2 standard deviations of 300 pairs
+        (1.0, 0.2, 5000.0, ''),  # certain, and too little to matter
+        (1.0, -0.5, 5000.0, ''),
+    ],
+)
+def test_a_deviation_of_the_innovations_is_a_reason_if_large_and_certain(
+    ratio: float, correlation: float, count: float, reason: str
+) -> None:
+    verdict = judged(summed(ratio, correlation, count))
+    assert len(verdict.reasons) == bool(reason)
+    assert reason in ''.join(verdict.reasons)
+
+
 def test_causes_stand_by_their_gain_and_a_walk_last() -> None:
     def names(hypothesis: str, *, physical: bool) -> list[str]:
         distances = {'far': Distance(80.0, 60.0, 3), 'near': Distance(40.0, 30.0, 3), 'no': Distance(20.0, 9.0, 3)}

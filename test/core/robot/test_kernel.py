@@ -1,4 +1,4 @@
-"""What a kernel hands on: slices of states, other unknown links, typical sizes, and derivatives by the joints."""
+"""A kernel: slices of states, other unknown links, typical sizes, and derivatives by the joints."""
 
 from __future__ import annotations
 

@@ -1,0 +1,211 @@
+"""A repair: how a run takes a cause into account, by parameters that the user could have set, or by other readings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from mbaid_ros.core.geometry import Array, Flags, quaternion_from_rotation, rotation_from_quaternion
+from mbaid_ros.core.samples import BaseStream, JointStream, Stamps
+
+Setting = bool | float | str | tuple[float, ...] | tuple[str, ...]  # the value of a parameter
+PoseMeaning = Literal['as read', 'inverse', 'w first', 'millimetres']
+_QUANTILE = 1.96  # standard deviations of a 95 % interval
+_MARGIN = 1.5  # times the size found, that a declared standard deviation is at least
+_STEPS = np.array([1.0, 2.0, 5.0, 10.0])  # of declared standard deviations in a decade: nobody declares 0.0453
+_MILLIMETRE = 1e-3  # m
+# Share of the leading gain, and log-likelihood, within which another cause is as likely.
+_RIVAL_SHARE, _RIVAL_GAIN = 0.02, 10.0
+_MOST_RIVALS = 3  # causes of one repair: if more of them are as likely, nothing is known of the cause
+
+
+@dataclass(frozen=True)
+class Conversion:
+    """Readings as they are meant, where that is not as they are read."""
+
+    factors: Mapping[str, float] = field(default_factory=dict)  # of joints' readings, by name
+    exchanged: tuple[str, ...] = ()  # two joints whose readings are each other's
+    delay: float = 0.0  # s, by which the joints' stamps are late
+    pose: PoseMeaning = 'as read'
+    with_twist: bool = True
+    # A joint's reading that has jumped: its name, the stamp (ns) of the first reading after that, rad or m.
+    steps: tuple[tuple[str, int, float], ...] = ()
+    left_out: tuple[tuple[float, float], ...] = ()  # s since the first sample: joint readings in between
+
+    def joints(
+        self, streams: Mapping[tuple[int, ...], JointStream], names: Sequence[str], origin: int
+    ) -> dict[tuple[int, ...], JointStream]:
+        """Return the joints' readings as they are meant.
+
+        Parameters
+        ----------
+        streams : by the indices of their joints
+        names : of all joints
+        origin : ns, stamp of the first sample
+        """
+        index = {names.index(name): names.index(other) for name, other in zip(*self._pairs, strict=True)}
+        factors = np.ones(max((max(key) + 1 for key in streams if key), default=0))
+        for name, factor in self.factors.items():
+            factors[[place for place in range(len(factors)) if place < len(names) and names[place] == name]] = factor
+        found = {}
+        for key, stream in streams.items():
+            meant = [index.get(joint, joint) for joint in key]
+            order = np.argsort(meant)
+            scale = factors[list(key)][order]
+            position = stream.position - self._jumped(stream, [names[joint] for joint in key])
+            changed = JointStream(
+                stream.stamp - round(1e9 * self.delay), position[:, order] * scale, stream.velocity[:, order] * scale
+            )
+            found[tuple(sorted(meant))] = changed[self._kept(changed.stamp - origin)]
+        return found
+
+    def base(self, stream: BaseStream | None) -> BaseStream | None:
+        """Return the readings of the base as they are meant."""
+        if stream is None or (self.with_twist and self.pose == 'as read'):
+            return stream
+        unknown = np.full(stream.linear_velocity.shape, np.nan)
+        # A twist is in the axes of poses as they were read.
+        stream = replace(stream, linear_velocity=unknown, angular_velocity=unknown)
+        if self.pose == 'millimetres':
+            return replace(stream, position=_MILLIMETRE * stream.position)
+        if self.pose == 'inverse':
+            return replace(stream, rotation=np.ascontiguousarray(np.swapaxes(stream.rotation, -1, -2)))
+        if self.pose == 'w first':
+            quaternion = np.roll(quaternion_from_rotation(stream.rotation), -1, axis=-1)
+            return replace(stream, rotation=rotation_from_quaternion(quaternion))
+        return stream
+
+    @property
+    def _pairs(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        return self.exchanged, self.exchanged[::-1]
+
+    def _jumped(self, stream: JointStream, names: Sequence[str]) -> Array:
+        jumped = np.zeros(stream.position.shape)
+        for name, since, size in self.steps:
+            jumped[:, [place for place, each in enumerate(names) if each == name]] += np.where(
+                stream.stamp >= since, size, 0.0
+            )[:, None]
+        return jumped
+
+    def _kept(self, since: Stamps) -> Flags:
+        kept: Flags = np.ones(len(since), dtype=bool)
+        for begin, end in self.left_out:
+            kept &= (since < round(1e9 * begin)) | (since > round(1e9 * end))
+        return kept
+
+
+@dataclass(frozen=True)
+class Repair:
+    """How a run takes a cause into account.
+
+    Attributes
+    ----------
+    cause : in words, with the value and its 95 % interval where there is one
+    parameters : by dotted name, as the user could have set them; None where parameters cannot do it
+    conversion : of readings; None where parameters do it
+    value, std : of the deviation, in SI; None where it has none
+    unit : of the value
+    since : s since the first sample, from which the cause acts; None for all of the run
+    """
+
+    cause: str
+    parameters: Mapping[str, Setting] | None = None
+    conversion: Conversion | None = None
+    value: float | tuple[float, ...] | None = None
+    std: float | tuple[float, ...] | None = None
+    unit: str = ''
+    since: float | None = None
+
+    def __str__(self) -> str:
+        """Return it as it is published."""
+        return f'repaired: {self.cause} ({self.how})'
+
+    @property
+    def how(self) -> str:
+        """The declaration or conversion, in words."""
+        if not self.parameters:
+            return 'readings are converted'
+        return 'as if ' + ', '.join(f'{name} were {shown(value)}' for name, value in self.parameters.items())
+
+    def beyond(self, settings: Mapping[str, Setting]) -> Repair | None:
+        """Return the part of it that given parameters lack; None where they have all of it."""
+        if self.parameters is None:
+            return self
+        new = {name: value for name, value in self.parameters.items() if not _covers(settings.get(name), name, value)}
+        return replace(self, parameters=new) if new else None
+
+
+def shown(value: Setting) -> str:
+    """Return the value of a parameter as a parameter file has it."""
+    if isinstance(value, bool):
+        return 'true' if value else 'false'
+    if isinstance(value, float):
+        return f'{value:.6g}'
+    return value if isinstance(value, str) else f'[{", ".join(map(shown, value))}]'
+
+
+def _covers(given: Setting | None, name: str, value: Setting) -> bool:
+    """Return whether a given parameter is as wide as the one asked for."""
+    if name.endswith('_std') and isinstance(given, float) and isinstance(value, float):
+        return given >= value
+    return given == value
+
+
+def widened(size: float, most: float = np.inf) -> float:
+    """Return a standard deviation, 1, 2 or 5 of a decade, that is larger than a size found by half or more."""
+    if not size > 0.0:
+        return 0.0
+    wanted = _MARGIN * size
+    decade = 10.0 ** np.floor(np.log10(wanted))
+    step = _STEPS[np.searchsorted(_STEPS, wanted / decade * (1.0 - 1e-12))]
+    return min(float(f'{step * decade:.1g}'), most)
+
+
+def with_band(value: Array, std: Array, scale: float = 1.0) -> str:
+    """Return a size with its 95 % interval: that of one number with its sign, that of several the length."""
+    size = float(value[0]) if len(value) == 1 else float(np.linalg.norm(value))
+    along = np.abs(value) / max(float(np.linalg.norm(value)), 1e-300)
+    band = _QUANTILE * float(np.linalg.norm(along * std))
+    sign = '+' if len(value) == 1 else ''
+    return f'{scale * size:{sign}.3g} ± {scale * band:.2g}'
+
+
+def numbers(values: Array) -> float | tuple[float, ...]:
+    """Return a number as it is, and several as a tuple."""
+    return float(values[0]) if len(values) == 1 else tuple(map(float, values))
+
+
+def leading_repair(
+    causes: Sequence[tuple[str, float]], remedies: Mapping[str, Repair], *, several: bool = True
+) -> Repair | None:
+    """Return how the leading cause is taken into account, together with all that are as likely.
+
+    Of causes that the data cannot tell apart the declarations of all are made: the wider of them, not the narrower.
+    None where one of them has no repair, or conversions of readings contradict each other.
+
+    Parameters
+    ----------
+    causes : the likeliest first, with the gain in log-likelihood of each
+    remedies : by the text of a cause
+    several : whether to take several causes that are as likely; else None is returned for these
+    """
+    if not causes:
+        return None
+    least = causes[0][1] - max(_RIVAL_GAIN, _RIVAL_SHARE * causes[0][1])
+    texts = [text for text, gain in causes if gain >= least]
+    found = [remedies[text] for text in texts if text in remedies]
+    if len(found) < len(texts) or len(found) > _MOST_RIVALS:
+        return None
+    if len(found) == 1:
+        return found[0]
+    if not several or any(each.parameters is None or each.conversion is not None for each in found):
+        return None
+    together: dict[str, Setting] = {}
+    for each in found:
+        for name, value in (each.parameters or {}).items():
+            if not _covers(together.get(name), name, value):
+                together[name] = value
+    return replace(found[0], cause=', or '.join(each.cause for each in found), parameters=together)

@@ -1,0 +1,120 @@
+"""When a run that contradicts its model is started again with a repair of the leading cause."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.repair import Conversion, Repair, leading_repair
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.errors import ParameterError
+from mbaid_ros.parameters import build, values_of
+
+# Windows in a row that contradict the model before a repair: an impulse or a search for a start contradicts for less.
+_PERSISTENT = 16
+# The same, where several causes explain the data as well: more windows may tell them apart.
+_AMBIGUOUS = 64
+_STRONG = 100.0  # log-likelihood of a cause, from which a run without a solution counts as contradicted
+MOST = 3  # repairs of a run, one after the other
+LONGEST = 300.0  # s of a run, whose messages are kept so that it can be started again
+_CALIBRATED = ('known_links.', 'known_joints.', 'odometry_mount.')  # which a calibration file replaces
+# Something that a run was given: a function of the session's segment.
+Given = Callable[[Any], list[Estimate]]
+
+
+def refuse_repair(config: EstimatorConfig) -> None:
+    """Raise a ParameterError if the parameters ask for repairs in a run that has none."""
+    if not config.repair:
+        return
+    problems = {
+        f'method is {config.method}; accepted: trajectory': config.method != 'trajectory',
+        'the run begins before the capture; accepted: capture.phase post_capture': (
+            config.capture.phase != 'post_capture' or config.capture.time > 0.0
+        ),
+    }
+    for problem, present in problems.items():
+        if present:
+            raise ParameterError(f"parameter 'repair' is true, and {problem}")
+
+
+def repaired(config: EstimatorConfig, repairs: Sequence[Repair]) -> EstimatorConfig:
+    """Return the parameters with those of repairs."""
+    values: dict[str, object] = dict(values_of(config))
+    for each in repairs:
+        values |= each.parameters or {}
+    return build(EstimatorConfig, values)
+
+
+def conversions(repairs: Sequence[Repair]) -> tuple[Conversion, ...]:
+    """Return the conversions of readings by repairs, in order."""
+    return tuple(each.conversion for each in repairs if each.conversion is not None)
+
+
+class RepairPolicy:
+    """Follows the estimates of a run window by window, and decides when it is started again, and how.
+
+    The decision depends on the windows alone, not on how their messages were handed over: live equals replay.
+    """
+
+    def __init__(self) -> None:
+        self._contradicted = 0  # windows in a row
+        self.over = False  # whether the run is too long to be started again
+
+    def repair(self, estimate: Estimate, config: EstimatorConfig, taken: Sequence[Repair]) -> Repair | None:
+        """Return how to start the run again after the next estimate; None where it goes on.
+
+        Parameters
+        ----------
+        config : of the run, with the repairs `taken`
+        """
+        self._contradicted = self._contradicted + 1 if _is_contradicted(estimate) else 0
+        self.over = self.over or estimate.time > LONGEST
+        if self.over or len(taken) == MOST or self._contradicted < _PERSISTENT:
+            return None
+        found = leading_repair(estimate.causes, estimate.remedies, several=self._contradicted >= _AMBIGUOUS)
+        found = None if found is None else found.beyond(values_of(config))
+        if found is None or any(found.conversion == each.conversion is not None for each in taken):
+            return None
+        if config.known_links.calibration and any(name.startswith(_CALIBRATED) for name in found.parameters or ()):
+            return None
+        return found
+
+
+def _is_contradicted(estimate: Estimate) -> bool:
+    """Return whether data contradict the model, also where they do so strongly that the filter finds no solution."""
+    if estimate.contradicted:
+        return True
+    return estimate.status == 'not_identifiable' and bool(estimate.causes) and estimate.causes[0][1] > _STRONG
+
+
+class Recording:
+    """What a run was given since it began, in order; what of it the segment still has to take is the backlog."""
+
+    def __init__(self, *, kept: bool) -> None:
+        self._kept: list[Given] | None = [] if kept else None
+        self._backlog: deque[Given] = deque()
+
+    @property
+    def pending(self) -> bool:
+        """Whether there is a backlog."""
+        return bool(self._backlog)
+
+    def add(self, given: Given) -> None:
+        """Add what comes next."""
+        self._backlog.append(given)
+        if self._kept is not None:
+            self._kept.append(given)
+
+    def next(self) -> Given:
+        """Return what the segment takes next."""
+        return self._backlog.popleft()
+
+    def begin_again(self) -> None:
+        """Let the segment take everything again."""
+        self._backlog = deque(self._kept or ())
+
+    def forget(self, *, kept: bool) -> None:
+        """Forget what the segment has taken; keep what comes, or nothing any more."""
+        self._kept = list(self._backlog) if kept else None

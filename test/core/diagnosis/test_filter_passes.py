@@ -1,0 +1,174 @@
+"""Passes with more unknowns, as linear algebra: wider priors, another body, and what windows predict of each other."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from checked import generic
+from mbaid_ros.core.contracts import UNDISTURBED, Hypothesis
+from mbaid_ros.core.diagnosis.passes import FilterPasses, another_body
+from mbaid_ros.core.filter.gaussian import SquareRootInformation
+from mbaid_ros.core.filter.posterior import MeanAndCovariance
+from mbaid_ros.core.odometry.model import odometry_mount, odometry_scale, twist_bias
+from mbaid_ros.core.robot.model import PlaneDetector
+from mbaid_ros.core.state import BODY, MOMENTUM, POSE, Declared, Layout
+from observed import kernel
+from windowed import covariance_of
+
+SERVICER = kernel('servicer7')
+UNKNOWNS = (odometry_mount(1e-3, 2e-3), odometry_scale(1e-2), twist_bias(1e-4, 0.0))
+LAYOUT = Layout.from_unknowns(SERVICER, UNKNOWNS)
+PASSES = FilterPasses(LAYOUT, PlaneDetector(SERVICER.model), Declared())
+
+
+def measured(seed: int) -> SquareRootInformation:
+    """Return the Gaussian of all variables after some measurements of these."""
+    space, rng = PASSES.variables, np.random.default_rng(seed)
+    mean, triangle, _ = space.prior()
+    rows = rng.normal(size=(60, len(mean)))
+    both = np.vstack((np.column_stack((triangle, triangle @ mean)), np.column_stack((rows, 3.0 * rng.normal(size=60)))))
+    root = np.asarray(np.linalg.qr(both, mode='r'))[: len(mean)]
+    return SquareRootInformation.from_root(root[:, :-1], root[:, -1], ['none'], space)[0]
+
+
+def test_the_prior_of_one_cause_is_widened() -> None:
+    wider = PASSES.with_inflated_prior('mount', 30.0)
+    before, after = (
+        covariance_of(SquareRootInformation.prior(each.variables), each.variables) for each in (PASSES, wider)
+    )
+    own = np.arange(BODY.stop, LAYOUT.size)
+    factor = np.where(np.array(LAYOUT.cause_of) == 'mount', 900.0, 1.0)
+    assert np.sum(factor > 1.0) == 6
+    assert np.diag(after)[own] == pytest.approx(factor * np.diag(before)[own])
+    assert np.diag(after)[: BODY.stop] == pytest.approx(np.diag(before)[: BODY.stop])
+
+
+def test_the_value_of_a_cause_is_in_its_own_units() -> None:
+    gaussian: Any = SimpleNamespace(gaussian=measured(0))
+    mean = MeanAndCovariance.from_gaussian(gaussian.gaussian, PASSES.variables).mean
+    own = mean[BODY.stop :]
+    assert PASSES.value(gaussian, 'mount') == pytest.approx(own[:6] * np.repeat([2e-3, 1e-3], 3))
+    assert PASSES.value(gaussian, UNKNOWNS[1].labels[0]) == pytest.approx(own[6:7] * 1e-2)
+    assert PASSES.value(gaussian, UNKNOWNS[2].labels[0]) == pytest.approx(own[7:] * 1e-4)
+    assert len(PASSES.value(gaussian, 'nothing')) == 0
+
+
+def test_gains_are_those_of_a_wider_prior() -> None:
+    """As the likelihood of the same measurements under either prior; declared causes by 30 times at most."""
+    gaussian = measured(1)
+    values, covariance = MeanAndCovariance.from_gaussian(gaussian, PASSES.variables).unknowns(LAYOUT)
+    found = PASSES.gains(gaussian, ['mount'])
+    assert set(found) == set(LAYOUT.causes)
+    for cause in LAYOUT.causes:
+        own = np.flatnonzero(np.array(LAYOUT.cause_of) == cause)
+        mean, left = values[own], covariance[np.ix_(own, own)]
+        best = -np.inf
+        for factor in (3.0, 10.0, 30.0) if cause == 'mount' else (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0):
+            less = 1.0 - factor**-2.0
+            gain = 0.5 * mean @ np.linalg.solve(np.eye(len(own)) / less - left, mean)
+            gain -= 0.5 * np.linalg.slogdet(np.eye(len(own)) - less * left)[1] + len(own) * np.log(factor)
+            best = max(best, float(gain))
+        assert found[cause][0] == pytest.approx(best)
+
+
+@pytest.mark.parametrize('exchanged', [False, True])
+def test_another_body_is_unknown_and_the_same_one_keeps_mass_and_momentum(exchanged: bool) -> None:
+    space = PASSES.variables
+    gaussian = measured(2)
+    other = another_body(gaussian, space, exchanged=exchanged)
+    before, after = covariance_of(gaussian, space), covariance_of(other, space)
+    opened = np.zeros(len(before))
+    opened[BODY.start + 1 : BODY.stop] = 1.0
+    opened[MOMENTUM] = opened[BODY.start] = float(exchanged)
+    added = np.diag(after - before)[POSE.stop :]
+    assert np.all((added > 1e-6 * np.diag(before)[POSE.stop :]) == (opened[POSE.stop :] > 0.0))
+    assert added == pytest.approx((opened * space.uninformative_deviation**2)[POSE.stop :], rel=1e-6, abs=1e-9)
+    prior = covariance_of(SquareRootInformation.prior(space), space)
+    assert after[POSE, POSE] == pytest.approx(prior[POSE, POSE], rel=1e-6)
+    assert np.abs(after[POSE, POSE.stop :]).max() < 1e-9
+
+
+@pytest.mark.parametrize('force', ['none', 'body'])
+def test_windows_are_predicted_by_the_momentum_at_their_own_time(force: str) -> None:
+    """The state after the last window, less the momentum that a force and the unknowns have brought since."""
+    space = PASSES.variables
+    count, own = len(space.scale), slice(space.poses, space.head)
+    rng = np.random.default_rng(3)
+    windows: list[Any] = []
+    pushes = rng.normal(size=(4, 6, 6))
+    for push in pushes:
+        brought = rng.normal(size=(6, count))
+        brought[:, : space.head] = 0.0  # depends on body and unknowns alone
+        windows.append(
+            SimpleNamespace(
+                transition=rng.normal(size=(6, count)),
+                drift=rng.normal(size=6),
+                momentum_change=brought,
+                force_impulse=lambda axes, push=push: push if axes == 'body' else None,
+            )
+        )
+    mean, acting = generic(4, count), generic(5, 6)
+    after, expected = mean.copy(), []
+    after[: space.poses] = 0.0
+    for white in windows:
+        expected.append(white.drift + white.transition @ after)
+        push = white.force_impulse('body') @ acting if force == 'body' else 0.0
+        after[own] = after[own] + white.momentum_change @ after + push
+    gaussian: Any = SimpleNamespace(least_squares=np.concatenate((after, acting if force == 'body' else np.zeros(0))))
+    gaussian.least_squares[: space.poses] = 7.0  # the pose error is another one in each window
+    hypothesis = Hypothesis('pushed', force='body') if force == 'body' else UNDISTURBED
+    found = PASSES.unpredicted([(None, white) for white in windows], gaussian, hypothesis)  # type: ignore[misc]
+    assert found == pytest.approx(np.array(expected))
+
+
+class Refined(FilterPasses):
+    """Passes of given likelihoods."""
+
+    likelihoods: list[float | None]
+    points: list[object]
+
+    def filtered_once(self, _: object, point: object, __: object) -> Generator[int, None, Any]:
+        """Return the next pass, or find its robot impossible."""
+        self.points.append(point)
+        likelihood = self.likelihoods[len(self.points) - 1]
+        yield 1
+        if likelihood is None:
+            raise np.linalg.LinAlgError
+        return SimpleNamespace(gaussian=SimpleNamespace(log_likelihood=likelihood))
+
+    def _point(self, gaussian: Any) -> Any:
+        return gaussian.log_likelihood
+
+
+@pytest.mark.parametrize(
+    ('likelihoods', 'best', 'points'),
+    [
+        ([1.0, 3.0, 2.0], 3.0, ['start', 1.0, 3.0]),
+        ([3.0, 1.0, 2.0], 3.0, ['start', 3.0, 1.0]),
+        ([3.0, None, 9.0], 3.0, ['start', 3.0]),
+        ([None, 5.0, 9.0], None, ['start']),
+    ],
+)
+def test_the_best_of_three_passes_counts(
+    likelihoods: list[float | None], best: float | None, points: list[object]
+) -> None:
+    kind = type('Made', (Refined,), {'likelihoods': likelihoods, 'points': []})
+    made = kind(LAYOUT, PlaneDetector(SERVICER.model), Declared())
+    start: Any = 'start'
+    found: list[Any] = []
+
+    def kept() -> Generator[int, None, None]:
+        found.append((yield from made.refined([], start, UNDISTURBED)))
+
+    if best is None:
+        with pytest.raises(np.linalg.LinAlgError):
+            sum(kept())
+    else:
+        assert sum(kept()) > 0
+        assert found[0].gaussian.log_likelihood == best
+    assert made.points == points

@@ -1,0 +1,104 @@
+"""Repairs: the declaration that a size leads to, conversions of readings, and several causes that are as likely."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.geometry import rotation_from_quaternion
+from mbaid_ros.core.repair import Conversion, Repair, leading_repair, widened
+from mbaid_ros.core.samples import BaseStream, JointStream
+
+NAMES = ('shoulder', 'elbow', 'wrist')
+ZERO = Repair('the zero of elbow is off', {'known_joints.elbow.zero_std': 0.05})
+AXIS = Repair('the axis of wrist is off', {'known_joints.wrist.axis_std': 0.05})
+SIGN = Repair('the sign of elbow is wrong', conversion=Conversion(factors={'elbow': -1.0}))
+
+
+def joints() -> JointStream:
+    """Return three readings of three joints, a second apart."""
+    position = np.arange(9.0).reshape(3, 3)
+    return JointStream(np.arange(3) * 10**9, position, 10.0 * position)
+
+
+def converted(conversion: Conversion) -> JointStream:
+    """Return them as they are meant."""
+    (found,) = conversion.joints({(0, 1, 2): joints()}, NAMES, 0).values()
+    return found
+
+
+@pytest.mark.parametrize(('size', 'declared'), [(0.0302, 0.05), (0.001, 0.002), (0.7, 2.0), (0.0, 0.0), (0.66, 1.0)])
+def test_a_declared_deviation_is_larger_than_what_was_found(size: float, declared: float) -> None:
+    assert widened(size) == pytest.approx(declared)
+
+
+def test_a_declared_deviation_stays_below_the_largest_accepted() -> None:
+    assert widened(0.9, 1.0) == 1.0
+
+
+def test_a_sign_and_exchanged_joints_are_converted() -> None:
+    read = joints()
+    turned = converted(Conversion(factors={'elbow': -1.0}))
+    np.testing.assert_array_equal(turned.position, read.position * [1.0, -1.0, 1.0])
+    np.testing.assert_array_equal(turned.velocity, read.velocity * [1.0, -1.0, 1.0])
+    exchanged = converted(Conversion(exchanged=('shoulder', 'wrist')))
+    np.testing.assert_array_equal(exchanged.position, read.position[:, ::-1])
+
+
+def test_joints_of_several_publishers_are_exchanged_between_them() -> None:
+    read = joints()
+    shoulder = JointStream(read.stamp, read.position[:, :1], read.velocity[:, :1])
+    parts: dict[tuple[int, ...], JointStream] = {(0,): shoulder}
+    found = Conversion(exchanged=('shoulder', 'wrist')).joints(parts, NAMES, 0)
+    assert list(found) == [(2,)]
+
+
+def test_late_stamps_are_corrected_and_spoilt_readings_left_out() -> None:
+    assert converted(Conversion(delay=0.2)).stamp.tolist() == [-200_000_000, 800_000_000, 1_800_000_000]
+    stepped = converted(Conversion(steps=(('wrist', 10**9, 0.5),)))
+    np.testing.assert_array_equal(stepped.position[:, 2], joints().position[:, 2] - [0.0, 0.5, 0.5])
+    assert converted(Conversion(left_out=((0.5, 1.5),))).stamp.tolist() == [0, 2_000_000_000]
+
+
+def test_poses_are_converted_and_their_twist_left_out() -> None:
+    quaternion = np.array([[0.1, 0.2, 0.3, 0.9]]) / np.linalg.norm([0.1, 0.2, 0.3, 0.9])
+    numbers = np.ones((1, 3))
+    read = BaseStream(
+        np.zeros(1, dtype=np.int64), numbers, rotation_from_quaternion(np.roll(quaternion, 1)), numbers, numbers,
+        np.eye(6)[None], np.eye(6)[None], np.zeros((1, 4), dtype=bool),
+    )  # fmt: skip
+    found = Conversion(pose='w first').base(read)
+    assert found is not None
+    np.testing.assert_allclose(found.rotation, rotation_from_quaternion(quaternion), atol=1e-12)
+    assert np.isnan(found.linear_velocity).all()
+    shorter = Conversion(pose='millimetres').base(read)
+    assert shorter is not None
+    np.testing.assert_allclose(shorter.position, 1e-3)
+    assert Conversion().base(read) is read
+
+
+def test_the_leading_cause_is_repaired_if_no_other_is_as_likely() -> None:
+    causes = [('zero', 1000.0), ('axis', 900.0)]
+    assert leading_repair(causes, {'zero': ZERO, 'axis': AXIS}) is ZERO
+    assert leading_repair(causes, {'axis': AXIS}) is None
+    assert leading_repair([], {}) is None
+
+
+def test_causes_that_are_as_likely_are_repaired_together_or_not_at_all() -> None:
+    causes = [('zero', 1000.0), ('axis', 995.0)]
+    remedies = {'zero': ZERO, 'axis': AXIS, 'sign': SIGN}
+    together = leading_repair(causes, remedies)
+    assert together is not None
+    assert together.parameters == {'known_joints.elbow.zero_std': 0.05, 'known_joints.wrist.axis_std': 0.05}
+    assert 'elbow is off, or the axis' in together.cause
+    assert leading_repair(causes, remedies, several=False) is None
+    assert leading_repair([('zero', 1000.0), ('sign', 995.0)], remedies) is None
+    assert leading_repair([('zero', 1000.0), ('unknown', 995.0)], remedies) is None
+
+
+def test_a_repair_counts_only_as_far_as_it_is_wider_than_what_is_declared() -> None:
+    assert ZERO.beyond({'known_joints.elbow.zero_std': 0.1}) is None
+    assert ZERO.beyond({'known_joints.elbow.zero_std': 0.01}) == ZERO
+    assert SIGN.beyond({}) == SIGN
+    assert str(ZERO) == 'repaired: the zero of elbow is off (as if known_joints.elbow.zero_std were 0.05)'
+    assert str(SIGN).endswith('(readings are converted)')

@@ -1,0 +1,129 @@
+"""Checks of closed windows by tables of motions: a base that is held, and joint velocities that are no rates."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.joints.faults import JointRates, _path
+from mbaid_ros.core.odometry.faults import _is_held
+from mbaid_ros.core.pipeline import WindowChecks
+from mbaid_ros.core.results.verdict import Reason
+from mbaid_ros.core.samples import Samples
+
+TIME = 0.5 * np.arange(40.0)
+SWAY = np.stack((np.sin(0.5 * TIME), np.cos(0.4 * TIME), np.sin(0.3 * TIME + 1.0)), axis=1)  # of the centre of mass
+
+
+@pytest.mark.parametrize(
+    ('react', 'noise', 'size', 'held'),
+    [
+        (0.0, 0.0, 0.1, True),
+        (0.0, 1e-3, 0.1, True),
+        (-1.0, 1e-3, 0.1, False),  # a free base: it moves against the centre of mass
+        (-0.1, 1e-4, 0.1, False),  # a heavy one moves little, but against it
+        (0.0, 0.03, 0.1, False),  # too noisy to be sure
+        (0.0, 0.0, 5e-4, False),  # nothing moves
+    ],
+)
+def test_a_base_is_held_that_does_not_move_against_the_arm(react: float, noise: float, size: float, held: bool) -> None:
+    """Apart from a drift that is even, or changes evenly."""
+    rng = np.random.default_rng(0)
+    drift = 0.3 * TIME[:, None] * np.array([1.0, -2.0, 0.5]) + 0.01 * TIME[:, None] ** 2
+    base = drift + react * size * SWAY + noise * rng.normal(size=(len(TIME), 3))
+    assert _is_held(np.column_stack((TIME, base, size * SWAY + 0.2 * TIME[:, None]))) is held
+
+
+def test_a_base_that_moves_smoothly_by_itself_is_not_held() -> None:
+    """Little, and not as the arm: a force acts, whose motion is no noise."""
+    base = 0.01 * np.stack((np.sin(1.1 * TIME), np.cos(0.9 * TIME), np.sin(1.3 * TIME)), axis=1)
+    assert not _is_held(np.column_stack((TIME, base, 0.1 * SWAY)))
+
+
+COUNT, SPACING = 25, 0.02
+
+
+def window(start: float, factors: Sequence[float], size: float = 0.3, late: float = 0.0, count: int = COUNT) -> Samples:
+    """Return a window of joints whose velocities are so many times their rates, and late."""
+    time = start + SPACING * np.arange(count)
+    rng, joints = np.random.default_rng(round(10.0 * start)), len(factors)
+    place = np.arange(joints) + time[:, None]
+    position = size * np.sin(place) + 1e-5 * rng.normal(size=(count, joints))
+    velocity = np.array(factors) * size * np.cos(place - late) + 1e-4 * rng.normal(size=(count, joints))
+    velocity[:, np.array(factors) == 0.0] = 0.0
+    nothing, covariance = np.zeros((count, 3)), np.tile(1e-6 * np.eye(6), (count, 1, 1))
+    turns = np.tile(np.eye(3), (count, 1, 1))
+    return Samples(time, position, velocity, nothing, turns, nothing, nothing, covariance, covariance)
+
+
+@pytest.mark.parametrize(
+    ('factors', 'late', 'text'),
+    [
+        ((1.0, 1.0), 0.0, ''),
+        ((1.0, 1.0), 0.05, ''),  # a filter's lag
+        ((1.0, 0.9), 0.0, ''),
+        ((1.0, 0.0), 0.0, 'the velocities of wrist are zero while the positions change'),
+        ((57.3, 1.0), 0.0, 'the velocities of elbow are no rates of the positions'),
+        ((-1.0, 0.0), 0.0, 'the velocities of elbow, wrist are no rates of the positions'),
+    ],
+)
+def test_joint_velocities_that_contradict_the_positions_are_left_out(
+    factors: tuple[float, float], late: float, text: str
+) -> None:
+    rates = JointRates(['elbow', 'wrist'])
+    checks = WindowChecks([], rates)
+    found = checks.with_valid_rates([window(0.5 * place, factors, late=late) for place in range(6)])
+    assert all(np.isnan(each.joint_velocity).all() for each in found) is bool(text)
+    assert any(np.isnan(each.joint_velocity).any() for each in found) is bool(text)
+    reason = rates.reason()
+    assert (reason is not None) is bool(text)
+    assert text in (reason.text if reason else '')
+    # The reasons until each window: from the third one on there is one.
+    ends = [float(each.time[-1]) for each in found]
+    assert [len(checks.reasons(end)) for end in ends] == [0, 0, *[int(bool(text))] * 4]
+    assert checks.reasons(99.0) == []
+
+
+def test_velocities_stay_where_nothing_moves_or_little_is_read() -> None:
+    rates = JointRates(['elbow', 'wrist'])
+    still, short = window(0.0, (0.0, 0.0), size=1e-4), window(0.0, (-1.0, -1.0), count=5)
+    assert rates.with_valid_rates(still) is still
+    assert rates.with_valid_rates(short) is short
+
+
+def test_a_joint_is_wrong_for_good_only_by_a_quarter_of_its_windows() -> None:
+    """Single windows are left out by themselves."""
+    rates = JointRates(['elbow', 'wrist'])
+    wrong = {3, 20, 40}
+    for place in range(60):
+        made = window(0.5 * place, (-1.0 if place in wrong else 1.0, 1.0))
+        assert np.isnan(rates.with_valid_rates(made).joint_velocity).all() == (place in wrong)
+    assert rates.reason() is None
+
+
+def test_the_path_of_a_rate_is_its_integral() -> None:
+    time = np.cumsum(np.random.default_rng(0).uniform(0.01, 0.05, 30))
+    rate = np.stack((2.0 + 3.0 * time, -time), axis=1)
+    exact = np.stack((2.0 * time + 1.5 * time**2, -0.5 * time**2), axis=1)
+    assert _path(time, rate) == pytest.approx(exact - exact[0])
+
+
+class Counting:
+    """A check that finds fault with windows that begin from some time on."""
+
+    def update(self, window: Samples) -> Reason | None:
+        """Return the reason."""
+        return Reason('late') if window.time[0] > 0.9 else None
+
+
+def test_each_window_has_the_reasons_until_its_end() -> None:
+    checks = WindowChecks([Counting()])
+    made = [window(0.5 * place, (1.0, 1.0)) for place in range(3)]
+    kept: list[Array] = [each.joint_velocity for each in checks.with_valid_rates(made)]
+    assert all(one is other.joint_velocity for one, other in zip(kept, made, strict=True))
+    assert [[reason.text for reason in checks.reasons(float(each.time[-1]))] for each in made] == [[], [], ['late']]
+    checks.with_valid_rates(made[:1])
+    assert checks.reasons(float(made[2].time[-1])) == []

@@ -1,0 +1,149 @@
+"""Runs with a repair: the answer after a contradiction, the same live and in a replay, and nothing without one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.data import NOISE, START
+from benchmarks.frame import declared
+from benchmarks.honesty.disturbed import CATALOGUE
+from benchmarks.honesty.readings import read
+from benchmarks.honesty.runs import published
+from benchmarks.honesty.worlds import float_freely
+from mbaid_ros.bags import BAG_TYPES
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.repair import Conversion, Repair
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.momentum import physical
+from mbaid_ros.errors import ParameterError
+from mbaid_ros.parameters import build, values_of
+from mbaid_ros.sensor_messages import in_order
+from mbaid_ros.session.repairing import MOST, RepairPolicy, repaired
+from mbaid_ros.session.session import Session
+from sessions import URDF, session
+
+ZERO = Repair('the zero of joint4 is off', {'known_joints.joint4.zero_std': 0.05})
+
+
+def messages(name: str, seconds: float) -> list[tuple[str, Any]]:
+    """Return the messages of a condition with their topics."""
+    condition = CATALOGUE[name]
+    world = replace(condition.world(0), seconds=seconds)
+    readings = condition.defect(read(condition.view(float_freely(world)), NOISE, 0), np.random.default_rng([0, 3]))
+    parts = published(readings, load_model(world.urdf), NOISE)
+    return [
+        (topic, message) for _, topic, message in in_order(parts, BAG_TYPES, lambda _, time: START + round(time * 1e9))
+    ]
+
+
+def started(**parameters: object) -> Session:
+    """Return a session of the shipped robot with the declared noise."""
+    return Session(build(EstimatorConfig, {**declared(NOISE), **parameters}), URDF)
+
+
+def replayed(into: Session, given: Sequence[tuple[str, Any]]) -> list[Estimate]:
+    """Return all estimates of a run that gets its messages at once."""
+    take = {'joint_states': into.add_joint_state, 'odom': into.add_odometry}
+    for topic, message in given:
+        take[topic](message)
+    return into.process()
+
+
+def live(into: Session, given: Sequence[tuple[str, Any]]) -> list[Estimate]:
+    """Return the estimates as a node gets them: few messages at a time, background work in between."""
+    take = {'joint_states': into.add_joint_state, 'odom': into.add_odometry}
+    found = []
+    for topic, message in given:
+        if take[topic](message):
+            found += into.process(at_once=False)
+            into.run_slice()
+    while into.catching_up:
+        into.run_slice()
+    return found + into.process(at_once=False)
+
+
+def same(one: Estimate, other: Estimate) -> bool:
+    """Return whether two estimates are equal to the last bit."""
+    arrays = ('parameters', 'covariance', 'momentum')
+    return one.status == other.status and all(
+        np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True) for name in arrays
+    )
+
+
+def test_a_run_with_a_wrong_sign_ends_with_the_true_inertia_live_as_in_a_replay() -> None:
+    given = messages("a joint's sign flipped", 26.0)
+    (first, second) = started(repair=True), started(repair=True)
+    one, other = replayed(first, given), live(second, given)
+    (repair,) = one[-1].repairs
+    assert repair.conversion == Conversion(factors={'joint3': -1.0})
+    assert repair.parameters is None
+    assert one[-1].warnings[0] == str(repair)
+    assert one[-1].status == 'estimating'
+    truth = physical(load_model(URDF).link('link7').parameters)
+    known = one[-1].identifiable
+    assert known[:4].all()
+    assert np.max(np.abs((one[-1].parameters - truth) / one[-1].std)[known]) < 4.0
+    assert same(one[-1], other[-1])
+    stamps = [each.stamp for each in other]
+    assert stamps == sorted(set(stamps))  # none goes back
+    second.reset()
+    assert second.repairs == ()
+    assert not values_of(second.config)['known_links.calibration']
+
+
+def test_a_run_without_a_contradiction_is_the_same_with_repair() -> None:
+    given = messages('sinusoids of the shipped robot', 8.0)
+    plain, asked = replayed(started(), given), replayed(started(repair=True), given)
+    assert len(plain) == len(asked) > 10
+    assert all(map(same, plain, asked))
+    assert not asked[-1].repairs
+
+
+def contradicted(*remedies: Repair, time: float = 0.0) -> Estimate:
+    """Return an estimate that contradicts its model, with causes of equal likelihood."""
+    causes = tuple((each.cause, 1000.0) for each in remedies)
+    return Estimate('trajectory', 'inconsistent', time, causes=causes, remedies={each.cause: each for each in remedies})
+
+
+def test_a_contradiction_has_to_last_before_a_repair() -> None:
+    policy, config = RepairPolicy(), EstimatorConfig()
+    decisions = [policy.repair(contradicted(ZERO), config, ()) for _ in range(16)]
+    assert decisions == [None] * 15 + [ZERO]
+    policy = RepairPolicy()
+    for _ in range(15):
+        policy.repair(contradicted(ZERO), config, ())
+    assert policy.repair(Estimate('trajectory', 'estimating'), config, ()) is None
+    assert policy.repair(contradicted(ZERO), config, ()) is None
+
+
+def test_causes_that_are_as_likely_wait_for_more_windows() -> None:
+    axis = Repair('the axis of joint5 is off', {'known_joints.joint5.axis_std': 0.05})
+    policy, config = RepairPolicy(), EstimatorConfig()
+    decisions = [policy.repair(contradicted(ZERO, axis), config, ()) for _ in range(64)]
+    assert decisions[:63] == [None] * 63
+    assert decisions[63] is not None
+    assert set(decisions[63].parameters or ()) == {'known_joints.joint4.zero_std', 'known_joints.joint5.axis_std'}
+
+
+def test_a_repair_is_not_made_twice_nor_after_three_nor_late() -> None:
+    config = repaired(EstimatorConfig(), [ZERO])
+    taken = RepairPolicy(), RepairPolicy(), RepairPolicy()
+    for _ in range(20):
+        assert taken[0].repair(contradicted(ZERO), config, (ZERO,)) is None
+        assert taken[1].repair(contradicted(ZERO), EstimatorConfig(), (ZERO,) * MOST) is None
+        assert taken[2].repair(contradicted(ZERO, time=301.0), EstimatorConfig(), ()) is None
+    assert taken[2].over
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'named'), [({'method': 'difference'}, 'method'), ({'capture__phase': 'pre_capture'}, 'capture')]
+)
+def test_runs_without_repairs_refuse_the_parameter(parameters: dict[str, object], named: str) -> None:
+    with pytest.raises(ParameterError, match=f"'repair' is true.*{named}"):
+        session(repair=True, **parameters)
