@@ -60,36 +60,25 @@ class NominalModel:
 
 
 @dataclass(frozen=True)
-class ImuMotion:
-    """How an IMU turns in B windows, odometry axes."""
+class Motion:
+    """The motion of B windows and of what a sensor reads of it; angular parts first, odometry axes."""
 
-    # rate, slope: (B, 3) rad/s, mean angular velocity at the knots; its weighted mean slope
-    rate: Array
-    slope: Array
-    axes: Array  # (B, 3, 3) weighted mean of R, its axes to the odometry's
-    # stretching, turning, crossing: (B, 3, 3) weighted means of R diag(R^T w), [w]x R and R X(R^T w), X as in
-    # `geometry.crossed`
-    stretching: Array
-    turning: Array
-    crossing: Array
-
-
-@dataclass(frozen=True)
-class Reading:
-    """A window's motion, for the derivatives of the readings; B windows, angular parts first, odometry axes."""
-
-    # twist, slope: (B, 6) mean twist (w, v) of the base at the knots; weighted mean of (w', v' - w x v)
-    twist: Array
-    slope: Array
-    rotation: Array  # (B, 3, 3) mean orientation of the base at the knots
-    # turning, sliding, axes: (B, 3, 3) weighted means of [w]x R, [v]x R and R
-    turning: Array
-    sliding: Array
     time: Array  # (B,) s, of the windows' middles
+    origin: Array  # (3,) m, the run's, in the odometry frame
     position: Array  # (B, 3) m, mean position of the base at the knots, from the run's origin
-    axes: Array
-    origin: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, the run's, in the odometry frame
-    imu: ImuMotion | None = None  # where there is one
+    rotation: Array  # (B, 3, 3) mean orientation of the base at the knots
+    twist: Array  # (B, 6) mean twist (w, v) of the base at the knots
+    # slope, rate: (B, r) how fast the r numbers change that the sensor reads, and how much they grow, relatively, with
+    # the speed of the motion: of poses the twist and 0, of twists (w', v' - w x v) and the twist itself
+    slope: Array
+    rate: Array
+    # Of twists and angular velocities alone, weighted means (B, 3, 3) of R, [w]x R, [v]x R, R diag(R^T w) and
+    # R X(R^T w), with the sensor's axes R and angular velocity w, and X as in `geometry.crossed`:
+    axes: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    turning: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    sliding: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    stretching: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    crossing: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
 
 
 class PlacedFrame(Protocol):
@@ -200,19 +189,20 @@ class Unknown:
         """
         raise NotImplementedError(type(self).__name__)
 
-    def reading(self, motion: Reading) -> tuple[Array, Array] | None:
-        """Return how much more mean pose (angular, linear) and twist of B windows read by it, (B, 6, k) each."""
-        del motion
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
+        """Return how much more a sensor reads by it in B windows, (B, r, k); None where it is not in the readings.
+
+        Parameters
+        ----------
+        sensor : 'pose' and 'twist', of r = 6 numbers each, angular ones first, or the name of a gyro, of 3
+        motion : of what this sensor reads
+        """
+        del sensor, motion
         return None
 
     def deflections(self, position: Array, rate: Array) -> tuple[Array, Array]:
         """Return how much further on and faster than read (N, n) the joints are by it, (N, n, k) each."""
         raise NotImplementedError(type(self).__name__)
-
-    def gyro_reading(self, motion: Reading) -> Array | None:
-        """Return how much more the angular velocity of an IMU reads by it, odometry axes, (B, 3, k); None: nothing."""
-        del motion
-        return None
 
     @property
     def random_walk(self) -> Array:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mbaid_ros.core.contracts import ImuMotion, NominalModel, Reading, Stack, Unknown, diagonal
+from mbaid_ros.core.contracts import Motion, NominalModel, Stack, Unknown, diagonal
 from mbaid_ros.core.geometry import (
     Array,
     Flags,
@@ -26,8 +26,8 @@ from mbaid_ros.core.geometry import (
 from mbaid_ros.core.odometry.faults import (
     CONTRADICTS,
     Meanings,
-    Motion,
     RateCheck,
+    RateMotion,
     ends,
     likeliest,
     slope_over_window,
@@ -43,6 +43,7 @@ from mbaid_ros.core.windows import Midpoints, Window, gradient
 from mbaid_ros.errors import ParameterError, listing
 from mbaid_ros.parameters import parameter
 
+IMU = 'imu'  # the sensor's name
 SATURATED = 'IMU: angular velocity at the end of its range, or stuck'
 LARGEST_BACKLOG = 1_000_000  # measurements that wait for joints: more are memory without an end
 # Readings in a row that are the same to the last bit, and how fast (rad/s): a gyro whose range is not known is at its
@@ -273,19 +274,16 @@ class Gyro(Unknown):
         """The walk of the bias."""
         return self.wandering
 
-    def reading(self, motion: Reading) -> tuple[Array, Array] | None:
-        """Return how the orientation reads that is measured in the same axes: R_read = R Exp(e)."""
-        if not self.errors.with_orientation:
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
+        """Return its reading by each, and how an orientation measured in the same axes reads: R_read = R Exp(e)."""
+        if sensor == IMU:
+            parts = (motion.axes, motion.stretching, motion.turning, motion.crossing, -motion.slope[..., None])
+            return np.concatenate(parts, axis=-1)
+        if sensor != 'pose' or not self.errors.with_orientation:
             return None
-        pose, twist = np.zeros((2, len(motion.rotation), 6, 13))
+        pose = np.zeros((len(motion.rotation), 6, 13))
         pose[:, :3, 6:9] = motion.rotation
-        return pose, twist
-
-    def gyro_reading(self, motion: Reading) -> Array:
-        """Return its reading by each."""
-        assert motion.imu is not None, 'there is an IMU'
-        own = motion.imu
-        return np.concatenate((own.axes, own.stretching, own.turning, own.crossing, -own.slope[..., None]), axis=-1)
+        return pose
 
     def linearisation_value(self, value: Array, deviation: Array) -> Array:
         """Return zero where poses are measured: the readings are linear, and windows are those that are read.
@@ -344,10 +342,10 @@ def gyro(errors: GyroErrors | None) -> Gyro:
 
 def gyro_check() -> RateCheck:
     """Return the check whether the gyro turns as the poses do."""
-    return RateCheck(_gyro_motion, _gyro_error, 'conflict')
+    return RateCheck(_turn_of_gyro, _gyro_error, 'conflict')
 
 
-def _gyro_motion(window: Samples) -> Motion | None:
+def _turn_of_gyro(window: Samples) -> RateMotion | None:
     """Return how the base turned, in its axes at the start, by poses and gyro; None without a gyro."""
     if not window.gyro.shape[1]:
         return None
@@ -355,10 +353,10 @@ def _gyro_motion(window: Samples) -> Motion | None:
     step = slope_over_window(log(rotation[0].T @ ends(rotation)))
     noise = np.sqrt(6.0 / count * spread(window.pose_covariance)[:3])
     rows = step, slope_over_window(ends(window.gyro)), noise, np.zeros((3, 3)), rotation[0]
-    return Motion(*(row[None] for row in rows))
+    return RateMotion(*(row[None] for row in rows))
 
 
-def _gyro_error(motion: Motion, contradiction: float) -> tuple[str, float]:
+def _gyro_error(motion: RateMotion, contradiction: float) -> tuple[str, float]:
     """Return the units or axes that a gyro has instead of the poses', and the gain; a bias is none."""
     del contradiction  # a bias has its part in it
     step, read = (each - np.mean(each, axis=0) for each in (motion.step, motion.read))
@@ -368,7 +366,7 @@ def _gyro_error(motion: Motion, contradiction: float) -> tuple[str, float]:
     return likeliest(motion, contradiction, _gyro_meanings(motion)) if contradiction >= CONTRADICTS else ('', 0.0)
 
 
-def _gyro_meanings(motion: Motion) -> Meanings:
+def _gyro_meanings(motion: RateMotion) -> Meanings:
     """Yield the conventions of a gyro, and the steps (W, 3) that each implies."""
     text = 'the angular velocity of the IMU is 57.3 times that of the poses: it is in degrees; accepted: rad/s, as in'
     yield 1.0, f'{text} REP 103', np.deg2rad(motion.read)
@@ -378,18 +376,17 @@ def _gyro_meanings(motion: Motion) -> Meanings:
         yield 1.0, f'{text} imu.frame', motion.read @ turn.T
 
 
-def turning_imu(
-    motion: tuple[Midpoints, slice], twist: Array, reading: Reading, slope: Array, spacing: float
-) -> ImuMotion:
-    """Return the turn of a stack's IMU, for the base's predicted twist (m, B, 6) and its slope."""
+def gyro_motion(motion: tuple[Midpoints, slice], twist: Array, base: Motion, slope: Array, spacing: float) -> Motion:
+    """Return what a stack's IMU reads of the base's motion, for its predicted twist (m, B, 6) and its slope."""
     around, inside = motion
     weight = parabolic_weights(inside.stop - inside.start)[:, None, None]
     relative = around.imu_rate
     rate, axes = twist[..., 3:] + relative[inside], around.imu_axes[inside]
     changing = slope[..., 3:] + gradient(relative)[inside] / spacing
     within = rotate_back(axes, rate)
-    return ImuMotion(
-        rate=reading.twist[..., :3] + total(weight * relative[inside]),
+    return replace(
+        base,
+        rate=base.twist[..., :3] + total(weight * relative[inside]),
         slope=total(weight * changing),
         axes=total(weight[..., None] * axes),
         stretching=total(weight[..., None] * axes * within[..., None, :]),

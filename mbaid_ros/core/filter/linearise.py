@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core.contracts import Axes, Reading, Stack, stacked
+from mbaid_ros.core.contracts import Axes, Motion, Stack, stacked
 from mbaid_ros.core.geometry import Array, Integers, composed, cross, exp, skew
-from mbaid_ros.core.gyro import gyro_covariance, turning_imu
+from mbaid_ros.core.gyro import IMU, gyro_covariance, gyro_motion
 from mbaid_ros.core.joints.model import JointNoise, by_deflections, errors_in_variables_bias, joint_noise
 from mbaid_ros.core.odometry.model import (
     IntegratedTwist,
@@ -169,52 +169,38 @@ def _right_hand_sides(
     return right
 
 
-def readings(
-    layout: Layout,
-    stack: Stack,
-    predicted: Prediction,
-    motion: tuple[Midpoints, slice],
-    slope: Array,
-    weights: Array | None = None,
-) -> tuple[Array, Array]:
-    """Return the derivatives of mean poses (B, 6, r) and rates (B, 6 or 9, r) by the unknowns of the readings.
-
-    Weights (m,) of the twists are those of `twist_measurement`.
-    """
+def twist_motion(
+    stack: Stack, predicted: Prediction, motion: tuple[Midpoints, slice], slope: Array, weights: Array | None = None
+) -> Motion:
+    """Return the motion of a stack's windows as twists are read; weights (m,) as of `twist_measurement`."""
     around, inside = motion
     weights = parabolic_weights(inside.stop - inside.start) if weights is None else weights
-    windows, weight = predicted.twist.shape[1], weights[:, None, None]
-    twist = at_knots(predicted.twist, inside)
-    change = stack.whitening
-    inner = predicted.twist[inside]
+    weight, change, inner = weights[:, None, None], stack.whitening, predicted.twist[inside]
     # A chain that is tau late has xi = -tau (w, v): F times that remains, and the joints' own delay.
     linear = slope[..., :3] - cross(inner[..., 3:], inner[..., :3])
     rotation, axes = at_knots(around.base_rotation, inside), around.base_rotation[inside]
-    reading = Reading(
-        twist=mean_over_knots(twist, change)[..., ANGULAR_FIRST],
-        slope=total(weight * np.concatenate((slope[..., 3:], linear), axis=-1)),
+    twist = mean_over_knots(at_knots(predicted.twist, inside), change)[..., ANGULAR_FIRST]
+    return Motion(
+        time=stack.middles,
+        origin=stack.windows[0].origin,
+        position=mean_over_knots(at_knots(around.base_position, inside), change),
         rotation=mean_over_knots(rotation, change[..., None]),
+        twist=twist,
+        slope=total(weight * np.concatenate((slope[..., 3:], linear), axis=-1)),
+        rate=twist,
+        axes=total(weight[..., None] * axes),
         turning=total(weight[..., None] * (skew(inner[..., 3:]) @ axes)),
         sliding=total(weight[..., None] * (skew(inner[..., :3]) @ axes)),
-        time=stack.middles,
-        position=mean_over_knots(at_knots(around.base_position, inside), change),
-        axes=total(weight[..., None] * axes),
-        origin=stack.windows[0].origin,
     )
-    gyro = around.gyro.shape[-1] > 0
-    if gyro:
-        reading = replace(reading, imu=turning_imu(motion, inner, reading, slope, stack.windows[0].spacing))
-    poses: list[Array] = [np.zeros((windows, 6, 0))]
-    rates: list[Array] = [np.zeros((windows, 9 if gyro else 6, 0))]
+
+
+def reading_columns(layout: Layout, sensor: str, motion: Motion) -> Array:
+    """Return the derivatives (B, r, e) of what a sensor reads by the independent numbers of the readings' unknowns."""
+    columns = [np.zeros((*motion.slope.shape, 0))]
     for unknown in layout.read:
-        nothing = np.zeros((windows, 6, len(unknown.factor)))
-        pose, turned = unknown.reading(reading) or (nothing, nothing)
-        if gyro:
-            of_gyro = unknown.gyro_reading(reading)
-            turned = np.concatenate((turned, nothing[:, :3] if of_gyro is None else of_gyro), axis=1)
-        poses.append(pose @ unknown.factor)
-        rates.append(turned @ unknown.factor)
-    return np.concatenate(poses, axis=-1), np.concatenate(rates, axis=-1)
+        more = unknown.measured(sensor, motion)
+        columns.append(np.zeros((*motion.slope.shape, unknown.count)) if more is None else more @ unknown.factor)
+    return np.concatenate(columns, axis=-1)
 
 
 @dataclass(frozen=True)
@@ -310,11 +296,17 @@ def _models(
     in_gyro = np.zeros((len(of_joints), 3, noise.pose.shape[-1]))
     if middle.gyro_gain.shape[-1]:
         in_gyro = np.sqrt(stack.joint_variance / stack.samples) * middle.gyro_gain[len(middle) // 2]
-    pose, twist = readings(layout, stack, predicted, motion, slope)
+    moving = twist_motion(stack, predicted, motion, slope)
+    pose = reading_columns(layout, 'pose', replace(moving, slope=moving.twist, rate=np.zeros_like(moving.twist)))
+    twist = reading_columns(layout, 'twist', moving)
+    if middle.gyro.shape[-1]:
+        turning = gyro_motion(motion, prediction.twist, moving, slope, spacing)
+        twist = np.concatenate((twist, reading_columns(layout, IMU, turning)), axis=1)
     whole = IntegratedTwist.none(len(stack.windows), layout.size)
     if integrated.any():
         each = integral_weights(len(middle))
-        rates = [readings(layout, stack, predicted, motion, slope, weights)[1] for weights in each]
+        motions = (twist_motion(stack, predicted, motion, slope, weights) for weights in each)
+        rates = [reading_columns(layout, 'twist', moving) for moving in motions]
         whole = integrated_twist(stack, prediction, middle, errors, point, by_readings=rates, stored=noise.stored)
         whole = replace(whole, replaces_twist=integrated)
     of_gyro = gyro_covariance(stack, len(middle)) if middle.gyro.shape[-1] else None

@@ -13,9 +13,9 @@ from scipy.linalg import block_diag
 from mbaid_ros.core.contracts import (
     Hypothesis,
     Linear,
+    Motion,
     NominalModel,
     PlacedFrame,
-    Reading,
     Stack,
     Unknown,
     Words,
@@ -128,16 +128,18 @@ class OdometryMount(Unknown):
         turned = force_cross(turn, total[:, None]) - motion_cross(turn, twist[:, None]) @ inertia
         return np.swapaxes(np.concatenate((turned, faster @ inertia + away), axis=1), 1, 2)
 
-    def reading(self, motion: Reading) -> tuple[Array, Array]:
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
         """Return its effect on the pose, and on the velocity: v_read = v_true - w x R mu_p.
 
         A pose error turns the twist that is read, for that is turned by the pose; the mount's part of it does not.
         """
-        pose, twist = np.zeros((2, len(motion.rotation), 6, 6))
-        pose[:, :3, :3] = pose[:, 3:, 3:] = -motion.rotation
-        twist[:, :3, :3] = twist[:, 3:, 3:] = -motion.turning
-        twist[:, 3:, :3] = -motion.sliding
-        return pose, twist
+        if sensor not in ('pose', 'twist'):
+            return None
+        read = np.zeros((len(motion.rotation), 6, 6))
+        read[:, :3, :3] = read[:, 3:, 3:] = -motion.rotation if sensor == 'pose' else -motion.turning
+        if sensor == 'twist':
+            read[:, 3:, :3] = -motion.sliding
+        return read
 
     def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with this mount."""
@@ -188,11 +190,13 @@ class OdometryScale(Linear):
         inertia = np.sum(inertia_matrix(states.known), axis=1)
         return -inertia[..., :3] @ states.body_twist[:, 0, :3, None]
 
-    def reading(self, motion: Reading) -> tuple[Array, Array]:
-        """Return the position as far as the base has come, and its velocity."""
-        pose, twist = np.zeros((2, len(motion.time), 6, 1))
-        pose[:, 3:, 0], twist[:, 3:, 0] = motion.position, motion.twist[:, 3:]
-        return pose, twist
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
+        """Return the position as far as the base has come, or its velocity."""
+        if sensor not in ('pose', 'twist'):
+            return None
+        read = np.zeros((len(motion.time), 6, 1))
+        read[:, 3:, 0] = motion.position if sensor == 'pose' else motion.twist[:, 3:]
+        return read
 
 
 def odometry_scale(deviation: float) -> OdometryScale:
@@ -227,11 +231,13 @@ class TwistBias(Linear):
         rotation = states.configuration.rotation[:, 0]
         return -np.concatenate((inertia[..., 3:] @ rotation, inertia[..., :3] @ rotation), axis=-1)
 
-    def reading(self, motion: Reading) -> tuple[Array, Array]:
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
         """Return the base's axes."""
-        pose, twist = np.zeros((2, len(motion.time), 6, 6))
-        twist[:, :3, :3] = twist[:, 3:, 3:] = motion.axes
-        return pose, twist
+        if sensor != 'twist':
+            return None
+        read = np.zeros((len(motion.time), 6, 6))
+        read[:, :3, :3] = read[:, 3:, 3:] = motion.axes
+        return read
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return the turn about the normal and the speeds in the plane."""
@@ -249,13 +255,14 @@ class OdometryTurning(Linear):
 
     words: ClassVar = {TURNING: Words(deviation=lambda _, value: orbit_fixed_frame(float(np.linalg.norm(value))))}
 
-    def reading(self, motion: Reading) -> tuple[Array, Array]:
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
         """Return the rotation of such a frame back, about the run's origin."""
-        pose, twist = np.zeros((2, len(motion.time), 6, 3))
-        arm, time = skew(motion.position), motion.time[:, None, None]
-        pose[:, :3], pose[:, 3:] = -time * np.eye(3), time * arm
-        twist[:, :3], twist[:, 3:] = -np.eye(3), arm
-        return pose, twist
+        if sensor not in ('pose', 'twist'):
+            return None
+        read = np.zeros((len(motion.time), 6, 3))
+        time = motion.time[:, None, None] if sensor == 'pose' else 1.0
+        read[:, :3], read[:, 3:] = -time * np.eye(3), time * skew(motion.position)
+        return read
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,9 +275,9 @@ class TwistLate(Linear):
         )
     }
 
-    def reading(self, motion: Reading) -> tuple[Array, Array]:
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
         """Return the earlier twist."""
-        return np.zeros((len(motion.time), 6, 1)), -motion.slope[..., None]
+        return -motion.slope[..., None] if sensor == 'twist' else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,15 +286,18 @@ class Vibration(Linear):
 
     frequency: float = 0.0  # Hz
 
-    def reading(self, motion: Reading) -> tuple[Array, Array]:
-        """Return each, and how fast it changes."""
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
+        """Return each, or how fast it changes."""
         rate, time = 2.0 * np.pi * self.frequency, motion.time[:, None, None]
         axes = np.eye(6)
         sine, cosine = np.sin(rate * time) * axes, np.cos(rate * time) * axes
         late = time / _MINUTE
-        pose = np.concatenate((sine, cosine, late * sine, late * cosine), axis=2)
+        if sensor == 'pose':
+            return np.concatenate((sine, cosine, late * sine, late * cosine), axis=2)
+        if sensor != 'twist':
+            return None
         growing = (rate * late * cosine + sine / _MINUTE, cosine / _MINUTE - rate * late * sine)
-        return pose, np.concatenate((rate * cosine, -rate * sine, *growing), axis=2)
+        return np.concatenate((rate * cosine, -rate * sine, *growing), axis=2)
 
 
 def vibration(frequency: float) -> Vibration:
@@ -408,7 +418,7 @@ def integrated_twist(
 
     Parameters
     ----------
-    by_readings : rates by the unknowns of the readings, as of `readings`, with each of `integral_weights`
+    by_readings : rates by the unknowns of the readings, as of `reading_columns`, with each of `integral_weights`
     stored : (B, 6, c) noise in the twist by stored momentum
     """
     count, spacing = len(middle), stack.windows[0].spacing
