@@ -11,7 +11,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags, cross, crossed, exp, mounted_base, rotate_back
 from mbaid_ros.core.results.verdict import Reason
-from mbaid_ros.core.robot.model import Kinematics, Link, PlaneDetector
+from mbaid_ros.core.robot.model import Configuration, PlaneDetector
 from mbaid_ros.core.robot.momentum import BodyStates, MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.windows import Knots, Midpoints, Window, at_the_base, midpoints, with_joints_later
@@ -394,15 +394,6 @@ class Check(Protocol):
         """Add the next window; return the findings until then."""
 
 
-def on_link(middle: Midpoints, kinematics: Kinematics, link: Link) -> Midpoints:
-    """Return a motion with the axes of an IMU on a link, and its turn by each joint rate."""
-    flat, shape = middle.flat, middle.turn.shape[:-1]
-    placed = kinematics.configure(flat.base_rotation, flat.joint_position)
-    gain = np.swapaxes(placed.joint_twist[..., 3:] * kinematics.ancestors[link.body][:, None], 1, 2)
-    axes, _ = placed.link_pose(link)
-    return replace(middle, gyro_axes=axes.reshape(*shape, 3, 3), gyro_gain=gain.reshape(*shape, *gain.shape[1:]))
-
-
 @dataclass(frozen=True)
 class Stack:
     """Windows of one shape, side by side."""
@@ -420,11 +411,8 @@ class Stack:
         """The motion midway between all knots as measured, (J - 1, B, ...)."""
         return midpoints(self.knots, self.windows[0].spacing)
 
-    def motion(self, side: NominalModel, imu: Link | None = None, beside: int = 1) -> tuple[Midpoints, slice]:
-        """Return the motion as a nominal model corrects it, with intervals `beside` it, and the own part.
-
-        An IMU may be on a link that joints move (`imu`).
-        """
+    def motion(self, side: NominalModel, beside: int = 1) -> tuple[Midpoints, slice]:
+        """Return the motion as a nominal model corrects it, with intervals `beside` it, and the own part."""
         if side.mount.any():
             middle = midpoints(at_the_base(self.knots, side.mount), self.windows[0].spacing)
         elif side.gyro.any() and self.knots.course.shape[-1]:
@@ -432,7 +420,8 @@ class Stack:
             read = rotate_back(middle.base_rotation, middle.turn / self.windows[0].spacing)
             bias, scale, turn, shared = side.gyro.reshape(4, 3)
             errors = bias + scale * read + cross(read, np.broadcast_to(turn, read.shape)) + crossed(read) @ shared
-            middle = replace(middle, gyro=middle.gyro - errors)
+            own, others = np.split(middle.further, [3], axis=-1)
+            middle = replace(middle, further=np.concatenate((own - errors, others), axis=-1))
         else:
             middle = self.middle
         if side.delay != 0.0:
@@ -441,10 +430,7 @@ class Stack:
             middle = replace(middle, joint_position=middle.joint_position + side.zeros)
         first, last, _ = self.windows[0].inside.indices(len(middle))
         begin = max(first - beside, 0)
-        middle = middle[begin : last + beside]
-        if imu is not None and middle.gyro.shape[-1]:
-            middle = on_link(middle, side.kernel.kinematics, imu)
-        return middle, slice(first - begin, last - begin)
+        return middle[begin : last + beside], slice(first - begin, last - begin)
 
     @cached_property
     def samples(self) -> Array:
@@ -476,7 +462,7 @@ class Stack:
         """
         inside = self.windows[0].inside
         twist = np.isfinite(self.knots.base_twist[inside.start : inside.stop + 1]).all(axis=(0, 2))
-        if self.knots.gyro.shape[-1]:
+        if self.knots.further.shape[-1]:
             return np.zeros_like(twist)
         twist &= np.isfinite(self.pose_covariance).all(axis=(1, 2))
         pose, of_twist = (
@@ -501,16 +487,54 @@ class Stack:
         """Covariances of one sample, (B, 6, 6)."""
         return np.stack([window.noise.twist for window in self.windows])
 
-    @cached_property
-    def gyro_variance(self) -> Array:
-        """Power density of the gyro's noise, (B, 1, 1) rad^2/s."""
-        return np.array([window.noise.gyro**2 for window in self.windows])[:, None, None]
-
 
 def _turned_back(knots: Knots, errors: Array) -> Knots:
     """Return knots whose orientation and angular velocity are those of a gyro without (12,) errors."""
     away = knots.course.reshape(*knots.course.shape[:-1], 3, 12) @ errors
     return replace(knots, base_rotation=exp(-away) @ knots.base_rotation)
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """A stack's windows, m intervals of each, and how the robot moves in them as predicted; odometry axes."""
+
+    stack: Stack
+    around: Midpoints  # the motion as measured, with intervals beside
+    inside: slice  # the windows' own intervals among these
+    # twist, slope: (m, B, 6) (v, w) of the base and its change a second, in the own intervals
+    twist: Array
+    slope: Array
+    placed: Configuration  # of the robot in all intervals, one window after the other in each
+
+    @property
+    def spacing(self) -> float:
+        """Length of an interval, s."""
+        return self.stack.windows[0].spacing
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What a sensor measures of the base's mean twist in B windows, r numbers, odometry axes."""
+
+    value: Array  # (B, r) weighted mean of its readings, less what joints between add; NaN where it has none
+    covariance: Array  # (B, r, r) of its own noise in that, which it shares with no other sensor
+    motion: Motion  # that it reads, for the unknowns
+    joint_gain: Array | None = None  # (B, r, n) its derivative by the joint rates beside the base's; None: none
+
+
+class Sensor(Protocol):
+    """What measures the base's twist or a part of it, beside encoders and poses: the odometry's twist, any gyro."""
+
+    @property
+    def name(self) -> str:
+        """Its name: of a gyro that of its parameters."""
+
+    @property
+    def of_twist(self) -> Array:
+        """What it reads of the base's twist (w, v) in odometry axes, (r, 6)."""
+
+    def observed(self, course: Course, base: Motion) -> Observation:
+        """Return what it measures in windows; `base` is their motion as twists are read."""
 
 
 def stacked(windows: Sequence[Window]) -> list[Stack]:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mbaid_ros.core.contracts import Motion, NominalModel, Stack, Unknown, diagonal
+from mbaid_ros.core.contracts import Course, Motion, NominalModel, Observation, Stack, Unknown, diagonal
 from mbaid_ros.core.geometry import (
     Array,
     Flags,
@@ -39,7 +39,7 @@ from mbaid_ros.core.odometry.stream import orientation_only, usable_covariance
 from mbaid_ros.core.robot.model import Kinematics, Link, PlaneDetector, RobotModel, express
 from mbaid_ros.core.robot.momentum import MomentumKernel, mobility_and_joint_momentum
 from mbaid_ros.core.samples import ArrayRecord, BaseStream, ImuStream, Samples, Stamps, stamps_of
-from mbaid_ros.core.windows import Midpoints, Window, gradient
+from mbaid_ros.core.windows import Window, gradient
 from mbaid_ros.errors import ParameterError, listing
 from mbaid_ros.parameters import parameter
 
@@ -347,12 +347,12 @@ def gyro_check() -> RateCheck:
 
 def _turn_of_gyro(window: Samples) -> RateMotion | None:
     """Return how the base turned, in its axes at the start, by poses and gyro; None without a gyro."""
-    if not window.gyro.shape[1]:
+    if not window.further.shape[1]:
         return None
     rotation, count = window.base_rotation, len(window)
     step = slope_over_window(log(rotation[0].T @ ends(rotation)))
     noise = np.sqrt(6.0 / count * spread(window.pose_covariance)[:3])
-    rows = step, slope_over_window(ends(window.gyro)), noise, np.zeros((3, 3)), rotation[0]
+    rows = step, slope_over_window(ends(window.further[:, :3])), noise, np.zeros((3, 3)), rotation[0]
     return RateMotion(*(row[None] for row in rows))
 
 
@@ -376,28 +376,48 @@ def _gyro_meanings(motion: RateMotion) -> Meanings:
         yield 1.0, f'{text} imu.frame', motion.read @ turn.T
 
 
-def gyro_motion(motion: tuple[Midpoints, slice], twist: Array, base: Motion, slope: Array, spacing: float) -> Motion:
-    """Return what a stack's IMU reads of the base's motion, for its predicted twist (m, B, 6) and its slope."""
-    around, inside = motion
-    weight = parabolic_weights(inside.stop - inside.start)[:, None, None]
-    relative = around.imu_rate
-    rate, axes = twist[..., 3:] + relative[inside], around.imu_axes[inside]
-    changing = slope[..., 3:] + gradient(relative)[inside] / spacing
-    within = rotate_back(axes, rate)
-    return replace(
-        base,
-        rate=base.twist[..., :3] + total(weight * relative[inside]),
-        slope=total(weight * changing),
-        axes=total(weight[..., None] * axes),
-        stretching=total(weight[..., None] * axes * within[..., None, :]),
-        turning=total(weight[..., None] * (skew(rate) @ axes)),
-        crossing=total(weight[..., None] * (axes @ crossed(within))),
-    )
+@dataclass(frozen=True, eq=False)
+class GyroSensor:
+    """A gyro as a sensor of the base's angular velocity: turned by the measured pose, less the turn by joints."""
 
+    name: str
+    density: float  # rad/s/sqrt(Hz) of its noise
+    columns: slice  # of its integral in `Samples.further`
+    link: Link | None = None  # that it is on, where joints move it; None on the base
+    moved_by: Array = field(default_factory=lambda: np.zeros(0))  # (n,) 1 of each joint that moves this link, else 0
 
-def gyro_covariance(stack: Stack, count: int) -> Array:
-    """Return the (B, 3, 3) covariance of windows' weighted angular velocity by the gyro's own noise; of m intervals."""
-    return np.asarray(_preintegrated(count, stack.windows[0].spacing) * stack.gyro_variance * np.eye(3))
+    @property
+    def of_twist(self) -> Array:
+        """The angular part."""
+        return np.eye(3, 6)
+
+    def observed(self, course: Course, base: Motion) -> Observation:
+        """Return the mean angular velocity of the base that it measures."""
+        around, inside, spacing = course.around, course.inside, course.spacing
+        count, middle = inside.stop - inside.start, (inside.start + inside.stop) // 2
+        axes, relative, gain = around.base_rotation, np.zeros_like(around.turn), None
+        if self.link is not None:
+            shape = around.turn.shape[:-1]
+            axes = course.placed.link_pose(self.link)[0].reshape(*shape, 3, 3)
+            gain = np.swapaxes(course.placed.joint_twist[..., 3:] * self.moved_by[:, None], 1, 2).reshape(*shape, 3, -1)
+            relative = (gain @ around.joint_velocity[..., None])[..., 0]
+        weight, axes = parabolic_weights(count)[:, None, None], axes[inside]
+        changing = course.slope[..., 3:] + gradient(relative)[inside] / spacing
+        relative = relative[inside]
+        rate = course.twist[..., 3:] + relative
+        within = rotate_back(axes, rate)
+        own = replace(
+            base,
+            rate=base.twist[..., :3] + total(weight * relative),
+            slope=total(weight * changing),
+            axes=total(weight[..., None] * axes),
+            stretching=total(weight[..., None] * axes * within[..., None, :]),
+            turning=total(weight[..., None] * (skew(rate) @ axes)),
+            crossing=total(weight[..., None] * (axes @ crossed(within))),
+        )
+        read = rotate(axes, around.further[inside][..., self.columns])
+        noise = np.tile(_preintegrated(count, spacing) * self.density**2 * np.eye(3), (len(base.time), 1, 1))
+        return Observation(total(weight * (read - relative)), noise, own, None if gain is None else gain[middle])
 
 
 @cache
@@ -416,6 +436,14 @@ def _preintegrated(count: int, spacing: float) -> float:
     return float(np.sum(readings**2) * spacing / fine)
 
 
+def gyro_sensor(
+    name: str, density: float, model: RobotModel, link: Link | None = None, columns: slice = slice(0, 3)
+) -> GyroSensor:
+    """Return a gyro as a sensor; arguments as of `GyroSensor`, and the robot's model."""
+    moved_by = np.zeros(model.joints) if link is None else Kinematics(model).ancestors[link.body]
+    return GyroSensor(name, density, columns, link, moved_by)
+
+
 def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Window]) -> Array:
     """Return the angular momentum about the centre of mass, odometry axes, (3,); zero where poses locate the base.
 
@@ -430,7 +458,10 @@ def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Wi
     known, momenta = kernel.body_parameters(target), []
     for window in windows[:_FIRST]:
         middle = Stack((window,), (0,)).middle[window.inside].flat
-        if np.isfinite(window.noise.pose[-1, -1]) or not middle.gyro.shape[-1] or not np.all(np.isfinite(middle.gyro)):
+        if np.isfinite(window.noise.pose[-1, -1]) or not middle.further.shape[-1]:
+            continue
+        read = middle.further[:, :3]
+        if not np.all(np.isfinite(read)):
             continue
         placed = kernel.kinematics.configure(middle.base_rotation, middle.joint_position)
         joints = kernel.kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
@@ -438,7 +469,7 @@ def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Wi
         mobility, moving = mobility_and_joint_momentum(kernel, middle.stored, bodies, placed, joints)
         # V = M^-1 (h - b), no linear momentum: solve with the angular part of M^-1 alone.
         at_rest = (mobility @ moving[..., None])[..., 0]
-        rate = rotate(middle.base_rotation, middle.gyro) + at_rest[:, 3:]
+        rate = rotate(middle.base_rotation, read) + at_rest[:, 3:]
         momenta.append(np.linalg.solve(mobility[:, 3:, 3:], rate[..., None])[..., 0])
     return np.mean(np.concatenate(momenta), axis=0) if momenta else np.zeros(3)
 

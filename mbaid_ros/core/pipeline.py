@@ -208,7 +208,7 @@ class Synchroniser:
         samples = replace(hermite(joints, base, (left, right), self._maximum_gap, time, shared), apart=apart)
         if self._gyro is None:
             return samples
-        samples = replace(samples, gyro=self._gyro.integral_at_samples(joints.stamp))
+        samples = replace(samples, further=self._gyro.integral_at_samples(joints.stamp))
         if not self._gyro.on_base:
             return samples
         return replace(samples, base_rotation=self._by_gyro(samples, joints.stamp, base, (left, right)))
@@ -378,7 +378,7 @@ class Identifier:
             if base:
                 self._notes.setdefault(_measured(window), start)
             return window
-        if window.gyro.shape[1]:
+        if window.further.shape[1]:
             self._notes.setdefault(WITHOUT_GYRO, start)
         if (joints or base) and len(window) < FEWEST:
             self._dropped[RATE_MISSING] += len(window)
@@ -403,7 +403,7 @@ def _measured(window: Samples) -> str:
     located, oriented = np.isfinite(np.diagonal(window.pose_covariance[0])[[0, 3]]).tolist()
     if not located:
         return ORIENTATION_AND_GYRO if oriented else GYRO_ALONE
-    return POSES_AND_GYRO if window.gyro.shape[1] and bool(np.isfinite(window.gyro).all()) else POSES_ALONE
+    return POSES_AND_GYRO if window.further.shape[1] and bool(np.isfinite(window.further).all()) else POSES_ALONE
 
 
 class PlainFaults:

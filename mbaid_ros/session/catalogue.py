@@ -20,7 +20,7 @@ from mbaid_ros.core.forces import (
     declared_thrusters,
     drifting_momentum,
 )
-from mbaid_ros.core.gyro import declared_gyro, imu_link
+from mbaid_ros.core.gyro import IMU, declared_gyro, gyro_sensor, imu_link
 from mbaid_ros.core.joints.faults import joints_in_degrees, reversed_joints, swapped_joints
 from mbaid_ros.core.joints.model import declared_placements, declared_tracking, geared_joints
 from mbaid_ros.core.links import known_bodies, mistaken_masses
@@ -82,15 +82,16 @@ def declaration(config: EstimatorConfig, kernel: MomentumKernel) -> Declared:
 
     Raises ModelError, ParameterError: As of `unknowns`; or half of a prior is missing.
     """
-    imu = None
+    imu, sensors = None, []
     if config.imu.noise_density > 0.0:
         imu = imu_link(config.imu, kernel.model, config.target_link, config.frame_prefix)
+        sensors.append(gyro_sensor(IMU, config.imu.noise_density, kernel.model, imu))
     return Declared(
         unknowns(config, kernel, imu),
         target=declared_target(config.target_prior),
         linear_momentum=declared_linear_momentum(config.momentum, located=not config.imu.alone),
         marker=marker_frame(config.marker),
-        imu=imu,
+        sensors=tuple(sensors),
     )
 
 

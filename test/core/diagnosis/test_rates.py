@@ -31,7 +31,7 @@ def resting(position: float, orientation: float, velocity: float, rate: float) -
                 rate * noise[3],
                 np.broadcast_to(pose, (COUNT, 6, 6)),
                 np.broadcast_to(twist, (COUNT, 6, 6)),
-                gyro=np.zeros((COUNT, 3)),
+                further=np.zeros((COUNT, 3)),
             )
         )
     return found
