@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -41,9 +42,11 @@ from mbaid_ros.core.robot.momentum import MomentumKernel, mobility_and_joint_mom
 from mbaid_ros.core.samples import ArrayRecord, BaseStream, ImuStream, Samples, Stamps, stamps_of
 from mbaid_ros.core.windows import Window, gradient
 from mbaid_ros.errors import ParameterError, listing
-from mbaid_ros.parameters import parameter
+from mbaid_ros.parameters import by_name, parameter
 
-IMU = 'imu'  # the sensor's name
+IMU = 'imu'  # the first gyro
+# Topics that others have.
+_TAKEN = ('imu', 'joint_states', 'odom', 'pose', 'robot_description', 'stored_momentum', 'tf', 'thrust')
 SATURATED = 'IMU: angular velocity at the end of its range, or stuck'
 LARGEST_BACKLOG = 1_000_000  # measurements that wait for joints: more are memory without an end
 # Readings in a row that are the same to the last bit, and how fast (rad/s): a gyro whose range is not known is at its
@@ -67,18 +70,12 @@ _IMU_DELAY_STD = 5e-3  # s, of stamps that a driver sets on arrival: half a peri
 
 
 @dataclass(frozen=True)
-class ImuConfig:
-    """The angular velocity of an IMU; with `noise_density` the topic imu is used."""
+class GyroConfig:
+    """The angular velocity of a gyro."""
 
     noise_density: float = parameter(0.0, 'rad/s/sqrt(Hz)', minimum=0.0)
     """White noise density of the gyro, as in data sheets: standard deviation of a reading over the square root of the
-    rate. 0: the topic imu is not used."""
-    alone: bool = parameter(default=False)
-    """Nothing locates the base: the gyro alone measures its rotation about the common centre of mass. Only for method
-    trajectory; odom and pose are ignored, linear momentum and heading are unobservable."""
-    orientation: bool = parameter(default=False)
-    """With imu.alone: also use the orientation in the messages, as from a star tracker, unless its covariance is -1
-    (REP 145). The gyro then fills the gaps between messages, and the heading is observable."""
+    rate. 0: its topic is not used."""
     bias_std: float = parameter(0.01, 'rad/s', minimum=0.0)
     """Standard deviation of the gyro's initial bias about each axis."""
     bias_walk: float = parameter(2e-5, 'rad/s/sqrt(s)', minimum=0.0)
@@ -97,6 +94,55 @@ class ImuConfig:
     frame: str = parameter('')
     """Link that carries the IMU and whose axes it measures in: on the base or moved by joints, but not the target or a
     link that the target carries. Empty: the frame_id of the messages, a link on the base."""
+
+
+@dataclass(frozen=True)
+class ImuConfig(GyroConfig):
+    """The angular velocity of an IMU; with `noise_density` the topic imu is used."""
+
+    alone: bool = parameter(default=False)
+    """Nothing locates the base: the gyro alone measures its rotation about the common centre of mass. Only for method
+    trajectory; odom and pose are ignored, linear momentum and heading are unobservable."""
+    orientation: bool = parameter(default=False)
+    """With imu.alone: also use the orientation in the messages, as from a star tracker, unless its covariance is -1
+    (REP 145). The gyro then fills the gaps between messages, and the heading is observable."""
+
+
+@dataclass(frozen=True)
+class GyrosConfig:
+    """Further gyros beside that of imu, on any links."""
+
+    names: tuple[str, ...] = parameter(())
+    """Further gyros, each an Imu on the topic of its name; gyros.<name>.noise_density is needed."""
+    each: Mapping[str, Mapping[str, Any]] = by_name(GyroConfig, 'gyro')
+
+
+def declared_gyros(imu: ImuConfig, further: GyrosConfig) -> dict[str, GyroConfig]:
+    """Return the gyros in use by the names of their parameters: imu, gyros.arm; the topic is the last part.
+
+    Raises ParameterError: A name is taken, given twice or no topic's, or has no noise.
+    """
+    found: dict[str, GyroConfig] = {IMU: imu} if imu.noise_density > 0.0 else {}
+    for name in further.names:
+        if name in _TAKEN or further.names.count(name) > 1 or not re.fullmatch(r'[A-Za-z]\w*', name, re.ASCII):
+            raise ParameterError(
+                f"parameter 'gyros.names' has '{name[:60]}'; accepted: letters, digits and underscores, each name "
+                f'once, and none of {listing(_TAKEN)}'
+            )
+        found[f'gyros.{name}'] = gyro = GyroConfig(**further.each.get(name, {}))
+        if gyro.noise_density == 0.0:
+            raise ParameterError(f"parameter 'gyros.{name}.noise_density' is 0; accepted: its noise, above 0")
+    if foreign := [name for name in further.each if name not in further.names]:
+        raise ParameterError(
+            f"parameter 'gyros.{foreign[0][:60]}' is of no gyro in 'gyros.names'; accepted: "
+            f'{listing(further.names) or "none"}'
+        )
+    return found
+
+
+def topic_of(name: str) -> str:
+    """Return the topic of a gyro by the name of its parameters."""
+    return name.rpartition('.')[2]
 
 
 @dataclass(frozen=True)
@@ -256,6 +302,7 @@ class GyroErrors:
     alone: bool = False  # whether it alone observes the orientation, which windows are linearised along
     with_orientation: bool = False  # whether the IMU measures the orientation, too, in the same axes
     link: Link | None = None  # that the IMU is on, where joints move it; None on the base
+    name: str = IMU  # of its parameters
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,7 +323,7 @@ class Gyro(Unknown):
 
     def measured(self, sensor: str, motion: Motion) -> Array | None:
         """Return its reading by each, and how an orientation measured in the same axes reads: R_read = R Exp(e)."""
-        if sensor == IMU:
+        if sensor == self.errors.name:
             parts = (motion.axes, motion.stretching, motion.turning, motion.crossing, -motion.slope[..., None])
             return np.concatenate(parts, axis=-1)
         if sensor != 'pose' or not self.errors.with_orientation:
@@ -336,44 +383,46 @@ def gyro(errors: GyroErrors | None) -> Gyro:
     deviations = np.array([*np.repeat((own.bias, own.scale, own.orientation, own.cross), 3), own.delay])
     wandering = np.zeros((13, 3))
     wandering[:3] = own.walk * np.eye(3)
-    labels = (*np.repeat(GYRO[:4], 3).tolist(), LATE)
+    of = '' if own.name == IMU else f':{topic_of(own.name)}'
+    labels = tuple(f'{label}{of}' for label in (*np.repeat(GYRO[:4], 3).tolist(), LATE))
     return Gyro(diagonal(deviations), labels, wandering[:, : 3 * (own.walk > 0.0)], own)
 
 
-def gyro_check() -> RateCheck:
-    """Return the check whether the gyro turns as the poses do."""
-    return RateCheck(_turn_of_gyro, _gyro_error, 'conflict')
+def gyro_check(name: str = IMU, columns: slice = slice(0, 3)) -> RateCheck:
+    """Return the check whether a gyro on the base turns as the poses do; arguments as of `GyroSensor`."""
+    return RateCheck(partial(_turn_of_gyro, columns=columns), partial(_gyro_error, name=name), 'conflict')
 
 
-def _turn_of_gyro(window: Samples) -> RateMotion | None:
+def _turn_of_gyro(window: Samples, columns: slice = slice(0, 3)) -> RateMotion | None:
     """Return how the base turned, in its axes at the start, by poses and gyro; None without a gyro."""
     if not window.further.shape[1]:
         return None
     rotation, count = window.base_rotation, len(window)
     step = slope_over_window(log(rotation[0].T @ ends(rotation)))
     noise = np.sqrt(6.0 / count * spread(window.pose_covariance)[:3])
-    rows = step, slope_over_window(ends(window.further[:, :3])), noise, np.zeros((3, 3)), rotation[0]
+    rows = step, slope_over_window(ends(window.further[:, columns])), noise, np.zeros((3, 3)), rotation[0]
     return RateMotion(*(row[None] for row in rows))
 
 
-def _gyro_error(motion: RateMotion, contradiction: float) -> tuple[str, float]:
+def _gyro_error(motion: RateMotion, contradiction: float, name: str) -> tuple[str, float]:
     """Return the units or axes that a gyro has instead of the poses', and the gain; a bias is none."""
     del contradiction  # a bias has its part in it
     step, read = (each - np.mean(each, axis=0) for each in (motion.step, motion.read))
     declared = _OFF * np.sqrt(np.mean(np.sum(step**2, axis=1)))
     motion = replace(motion, step=step, read=read, noise=np.hypot(motion.noise, declared))
     contradiction = motion.misfit(motion.read)
-    return likeliest(motion, contradiction, _gyro_meanings(motion)) if contradiction >= CONTRADICTS else ('', 0.0)
+    return likeliest(motion, contradiction, _gyro_meanings(motion, name)) if contradiction >= CONTRADICTS else ('', 0.0)
 
 
-def _gyro_meanings(motion: RateMotion) -> Meanings:
+def _gyro_meanings(motion: RateMotion, name: str) -> Meanings:
     """Yield the conventions of a gyro, and the steps (W, 3) that each implies."""
-    text = 'the angular velocity of the IMU is 57.3 times that of the poses: it is in degrees; accepted: rad/s, as in'
+    what = 'the IMU' if name == IMU else f'the gyro {topic_of(name)}'
+    text = f'the angular velocity of {what} is 57.3 times that of the poses: it is in degrees; accepted: rad/s, as in'
     yield 1.0, f'{text} REP 103', np.deg2rad(motion.read)
     turn, about = turn_between(motion.step, motion.read, motion.noise)
     if np.linalg.norm(log(turn)) > _TURNED:
-        text = f'the IMU is turned by {about} relative to its frame: correct the frame in the robot description, or set'
-        yield 1.0, f'{text} imu.frame', motion.read @ turn.T
+        text = f'{what} is turned by {about} relative to its frame: correct the frame in the robot description, or set'
+        yield 1.0, f'{text} {name}.frame', motion.read @ turn.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -434,6 +483,29 @@ def _preintegrated(count: int, spacing: float) -> float:
     steps = np.repeat(np.diff(np.pad(between, 1)), fine)  # of the knots' means
     readings = np.cumsum(-steps) / fine
     return float(np.sum(readings**2) * spacing / fine)
+
+
+def gyro_sensors(
+    gyros: Mapping[str, GyroConfig], model: RobotModel, target_link: str, frame_prefix: str
+) -> tuple[GyroSensor, ...]:
+    """Return gyros, by the names of their parameters, as sensors with columns one after the other.
+
+    Raises ParameterError: A gyro cannot be on the frame that its parameters name.
+
+    Parameters
+    ----------
+    target_link, frame_prefix : as of `imu_link`
+    """
+    return tuple(
+        gyro_sensor(
+            name,
+            config.noise_density,
+            model,
+            imu_link(config, model, target_link, frame_prefix, name),
+            slice(3 * place, 3 * place + 3),
+        )
+        for place, (name, config) in enumerate(gyros.items())
+    )
 
 
 def gyro_sensor(
@@ -551,7 +623,9 @@ class ImuReader:
         return rotation, np.where(good[:, None, None], covariance, np.nan), declared
 
 
-def imu_link(config: ImuConfig, model: RobotModel, target_link: str, frame_prefix: str) -> Link | None:
+def imu_link(
+    config: GyroConfig, model: RobotModel, target_link: str, frame_prefix: str, name: str = IMU
+) -> Link | None:
     """Return the link of an IMU that joints move; None on the base.
 
     Raises ParameterError: There is no such link, or it moves with the target.
@@ -560,68 +634,55 @@ def imu_link(config: ImuConfig, model: RobotModel, target_link: str, frame_prefi
     ----------
     target_link : as of the parameters, the last link if empty
     frame_prefix : before the names of links in frame names
+    name : of its parameters
     """
     given, links = config.frame, {frame_prefix + link.name: link for link in model.links}
     if not given:
         return None
     target, ancestors = model.link(target_link or model.last_link).body, Kinematics(model).ancestors
     carried = [target > 0 and (body == target or bool(ancestors[body, target - 1])) for body in range(len(ancestors))]
-    accepted = [name for name, link in links.items() if not carried[link.body] and not (config.alone and link.body)]
+    alone = isinstance(config, ImuConfig) and config.alone
+    accepted = [frame for frame, link in links.items() if not carried[link.body] and not (alone and link.body)]
     if given not in accepted:
         why = ''
         if given in links:
             why = ', which moves with the target' if carried[links[given].body] else ", and 'imu.alone' is true"
-        raise ParameterError(f"parameter 'imu.frame' is '{given}'{why}; accepted: {listing(accepted)}")
+        raise ParameterError(f"parameter '{name}.frame' is '{given}'{why}; accepted: {listing(accepted)}")
     return links[given] if links[given].body else None
 
 
 def imu_reader(
-    config: ImuConfig, model: RobotModel, target_link: str, frame_prefix: str, orientation_std: float
+    config: GyroConfig, sensor: GyroSensor, model: RobotModel, frame_prefix: str, orientation_std: float
 ) -> ImuReader:
-    """Return the reader of Imu messages: in base axes, or in those of a link that joints move.
-
-    Raises ParameterError: The IMU cannot be on the frame that the parameters name.
+    """Return the reader of a gyro's messages: in base axes, or in those of a link that joints move.
 
     Parameters
     ----------
-    target_link, frame_prefix : as of `imu_link`
+    frame_prefix : before the names of links in frame names
     orientation_std : rad, of an orientation in messages without a covariance
     """
     axes = {frame_prefix + link.name: link.rotation for link in model.links if link.body == 0}
-    if imu_link(config, model, target_link, frame_prefix) is not None:
+    if sensor.link is not None:
         axes = {config.frame: np.eye(3)}
-    return ImuReader(axes, config.frame, orientation_std if config.orientation else None)
+    oriented = isinstance(config, ImuConfig) and config.orientation
+    return ImuReader(axes, config.frame, orientation_std if oriented else None)
 
 
-def declared_gyro(config: ImuConfig, link: Link | None) -> Gyro:
-    """Return the errors of an IMU, on a link that joints move if there is one; exact without an IMU."""
-    if config.noise_density == 0.0:
-        return gyro(None)
+def declared_gyro(config: GyroConfig, sensor: GyroSensor) -> Gyro:
+    """Return the errors of a gyro."""
+    alone = oriented = False
+    if isinstance(config, ImuConfig):
+        alone, oriented = config.alone, config.orientation
     errors = GyroErrors(
         config.bias_std,
         config.scale_std,
         config.orientation_std,
-        0.0 if config.alone else _IMU_DELAY_STD,  # alone, its delay is the joints' time offset
+        0.0 if alone else _IMU_DELAY_STD,  # alone, its delay is the joints' time offset
         config.bias_walk,
         config.cross_axis_std,
-        alone=config.alone and not config.orientation,
-        with_orientation=config.orientation,
-        link=link,
+        alone=alone and not oriented,
+        with_orientation=oriented,
+        link=sensor.link,
+        name=sensor.name,
     )
     return gyro(errors)
-
-
-def make_gyro(
-    config: ImuConfig, model: RobotModel, target_link: str, frame_prefix: str, maximum_gap: float
-) -> RateIntegrator | None:
-    """Return the integrator of an IMU's angular velocity; None without an IMU.
-
-    Parameters
-    ----------
-    target_link, frame_prefix : as of `imu_link`
-    maximum_gap : s, longest interval that is interpolated
-    """
-    if config.noise_density == 0.0:
-        return None
-    on_base = imu_link(config, model, target_link, frame_prefix) is None
-    return RateIntegrator(round(maximum_gap * 1e9), config.range, on_base=on_base)
