@@ -114,7 +114,7 @@ class GyrosConfig:
 
     names: tuple[str, ...] = parameter(())
     """Further gyros, each an Imu on the topic of its name; gyros.<name>.noise_density is needed."""
-    each: Mapping[str, Mapping[str, Any]] = by_name(GyroConfig, 'gyro')
+    each: Mapping[str, Mapping[str, Any]] = by_name(GyroConfig, 'name')
 
 
 def declared_gyros(imu: ImuConfig, further: GyrosConfig) -> dict[str, GyroConfig]:

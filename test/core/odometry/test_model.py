@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from checked import generic
 from mbaid_ros.core.clocks import clock_drift, time_offset
 from mbaid_ros.core.contracts import Unknown
 from mbaid_ros.core.filter.linearise import WindowModel
@@ -111,6 +112,7 @@ def test_readings_are_off_as_the_rows_say(
     assert np.abs(rows[:, BODY.stop + component]).max() > 0.3 * scale
 
 
+ARM = 'gyros.arm'
 SIZES = np.full(13, 1e-3)  # rad/s; relative, rad, relative; s
 
 
@@ -160,6 +162,38 @@ def test_gyro_readings_are_off_as_the_columns_say(
         off, rest = left(value, nothing), left(value, value)
         assert np.abs(off).max() > 1e-6
         assert np.abs(rest - none).max() < part * np.abs(off).max()
+
+
+def test_two_gyros_are_off_as_their_columns_say_where_no_error_is_zero(
+    servicer7: MomentumKernel, exact: Samples, start: Array
+) -> None:
+    """One on the base, one on a link, with all errors at once: each reads by its own ones alone."""
+    size = SIZES * np.abs(generic(5, 2, len(SIZES)))
+    errors = [
+        gyro(GyroErrors(1.0, 1.0, 1.0, 1.0, cross=1.0)),
+        gyro(GyroErrors(1.0, 1.0, 1.0, 1.0, cross=1.0, name=ARM, link=servicer7.model.link(LINK))),
+    ]
+    sensors = (
+        gyro_sensor(IMU, 0.0, servicer7.model),
+        gyro_sensor(ARM, 0.0, servicer7.model, servicer7.model.link(LINK), slice(3, 6)),
+    )
+    layout = replace(Layout.from_unknowns(servicer7, errors), sensors=sensors)
+    read = [measured(servicer7, exact, *each).further for each in zip(size, ('base_link', LINK), strict=True)]
+    window = window_of(replace(exact, further=np.concatenate(read, axis=1)), SPACING)
+
+    def left(first: Array, second: Array) -> Array:
+        x = np.concatenate((np.zeros(6), start, servicer7.target.parameters, first, second))
+        model = window_model(layout, window, layout.point(x))
+        assert model.rates.rows.shape == (12, BODY.stop + 26)
+        return residuals(model, x)[1][6:]
+
+    nothing = np.zeros(13)
+    off, rest = left(nothing, nothing), left(*size)
+    assert np.abs(rest).max() < 2e-2 * np.abs(off).min()
+    for gyros_own, known in ((slice(0, 3), (size[0], nothing)), (slice(3, 6), (nothing, size[1]))):
+        one = left(*known)
+        assert one[gyros_own] == pytest.approx(rest[gyros_own], abs=1e-12)
+        assert np.delete(one, gyros_own) == pytest.approx(np.delete(off, gyros_own), abs=1e-12)
 
 
 @pytest.mark.parametrize('component', [6, 7, 8])
