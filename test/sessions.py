@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -63,7 +64,7 @@ def fed(into: Session, messages: Iterable[tuple[str, Any]], at_once: int = 1_000
     }
     found: list[Estimate] = []
     for place, (topic, message) in enumerate(messages, start=1):
-        take[topic](message)
+        take.get(topic, partial(into.add_imu, name=topic))(message)
         if place % at_once == 0:
             found += into.process()
     return [*found, *into.process()]

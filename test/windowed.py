@@ -30,7 +30,7 @@ def window_of(samples: Samples, spacing: float, correlation_time: float = 0.0) -
     count = BEFORE + round(LENGTH / spacing) + AFTER
     first, last = np.searchsorted(samples.time, [begin - 1e-6, begin + count * spacing - 1e-6])
     knots = averages([samples[int(first) : int(last)]], np.array([begin]), spacing, count, np.zeros(3))
-    noise = WindowNoise(round(LENGTH * 100), JOINT, np.eye(6) * 1e-30, np.eye(6) * 1e-30, 0.0, correlation_time)
+    noise = WindowNoise(round(LENGTH * 100), JOINT, np.eye(6) * 1e-30, np.eye(6) * 1e-30, correlation_time)
     return Window(knots, slice(BEFORE, count - AFTER), spacing, noise, START, fresh=False)
 
 
@@ -38,7 +38,7 @@ def residuals(model: WindowModel, x: Array) -> tuple[Array, Array, Array]:
     """Return what pose and twist leave unexplained, and the pose error at the next window."""
     return (
         model.pose.value - model.pose.rows @ x,
-        model.twist.value - model.twist.rows @ x,
+        model.rates.value - model.rates.rows @ x,
         model.transition @ x + model.drift,
     )
 
@@ -99,13 +99,13 @@ def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
         drift=rng.normal(size=6),
         noise=JointNoise(
             process=np.sqrt(process) * rng.normal(size=(6, 8)),
-            pose=rng.normal(size=(6, 3)),
+            pose=(joints := rng.normal(size=(6, 3))),
             by_unknowns=rng.normal(size=(6, NUMBERS, 3)),
             stored=np.zeros((6, 0)),
             by_process_steps=np.zeros((6, 0)),
             process_variance=np.zeros(0),
         ),
-        joints_of_gyro=np.zeros((3, 3)),
+        joints_in_rates=joints,
         joints_in_twist=np.array(rng.uniform(0.5, 2.0)),
         length=np.array(0.5),
         rotation=np.eye(3),

@@ -41,7 +41,6 @@ class CalibrationSettings:
     # unknowns but the known bodies, whose errors follow from `priors`, and priors of all else but the target
     declared: Declared = field(default_factory=Declared)
     window: float = 0.5  # s, longest
-    gyro: float = 0.0  # rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
     orientation_measured: bool = True  # whether another sensor measures the orientation of the base
 
 
@@ -101,7 +100,7 @@ def _solution(
     robot = robot.with_storage(kernel.storage).with_springs(kernel.springs)
     declared = settings.declared.with_links(known_bodies(robot.model, robot.errors))
     declared = replace(declared, target=KnownTarget(prior.mean[:10], prior.roots[0]))
-    sensing = (settings.noise, settings.window, settings.gyro, settings.orientation_measured)
+    sensing = (settings.noise, settings.window, settings.orientation_measured)
     motions = [Motion.from_windows(run, robot, each, declared, sensing) for run, each in zip(*seen, strict=True)]
     if not any(motion.windows for motion in motions):
         raise DataError(_NO_WINDOWS)

@@ -53,7 +53,7 @@ class Motion:
         kernel: MomentumKernel,
         detector: PlaneDetector,
         declared: Declared,
-        sensing: tuple[SensorNoise, float, float, bool],
+        sensing: tuple[SensorNoise, float, bool],
     ) -> Motion:
         """Return the motion in some windows of samples.
 
@@ -63,13 +63,13 @@ class Motion:
         kernel : of the robot
         detector : decides whether the motion is planar, and in which plane
         declared : unknowns, the errors of known bodies included, and priors, that of the target link included
-        sensing : noise of the joint sensors, length of a window in s, density of a gyro's noise, whether anything else
-        measures the orientation of the base
+        sensing : noise of the joint sensors, length of a window in s, whether anything but a gyro measures the
+        orientation of the base
         """
         layout = layout_of(kernel, declared, detector)
-        noise, length, gyro, orientation_measured = sensing
+        noise, length, orientation_measured = sensing
         fastest = kernel.springs.highest_frequency
-        averaging = KnotAveraging(noise, length, gyro, orientation_measured=orientation_measured, fastest=fastest)
+        averaging = KnotAveraging(noise, length, orientation_measured=orientation_measured, fastest=fastest)
         taken = averaging.average(run)
         windows = [each.ready for each in taken if each.ready is not None]
         if taken[-1].still_open is not None:

@@ -10,7 +10,7 @@ from mbaid_ros.core.capture import CaptureConfig
 from mbaid_ros.core.clocks import TimeOffsetConfig
 from mbaid_ros.core.forces import DisturbanceConfig, ThrustConfig
 from mbaid_ros.core.geometry import Flags
-from mbaid_ros.core.gyro import ImuConfig
+from mbaid_ros.core.gyro import GyrosConfig, ImuConfig
 from mbaid_ros.core.joints.model import KnownJointsConfig
 from mbaid_ros.core.links import KnownLinksConfig
 from mbaid_ros.core.odometry.model import TWIST_FRAMES, MarkerConfig, OdometryConfig, OdometryMountConfig, PoseConfig
@@ -172,6 +172,7 @@ class EstimatorConfig:
     marker: MarkerConfig = field(default_factory=MarkerConfig)
     pose: PoseConfig = field(default_factory=PoseConfig)
     imu: ImuConfig = field(default_factory=ImuConfig)
+    gyros: GyrosConfig = field(default_factory=GyrosConfig)
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     momentum: MomentumConfig = field(default_factory=MomentumConfig)
     time_offset: TimeOffsetConfig = field(default_factory=TimeOffsetConfig)

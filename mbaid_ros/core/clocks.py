@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from mbaid_ros.core.contracts import Convention, Linear, NominalModel, Reading, Unknown, Words, converted
+from mbaid_ros.core.contracts import Convention, Linear, Motion, NominalModel, Unknown, Words, converted
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.repair import Conversion, Repair, numbers, widened, with_band
 from mbaid_ros.core.robot.momentum import MomentumKernel
@@ -60,14 +60,10 @@ class TimeOffset(Unknown):
             unit='s',
         )
 
-    def reading(self, motion: Reading) -> tuple[Array, Array]:
-        """Return how much further on pose and twist are read."""
-        return motion.twist[..., None], motion.slope[..., None]
-
-    def gyro_reading(self, motion: Reading) -> Array:
-        """Return how much further on the angular velocity is read."""
-        assert motion.imu is not None, 'there is an IMU'
-        return motion.imu.slope[..., None]
+    def measured(self, sensor: str, motion: Motion) -> Array:
+        """Return how much further on any sensor of the base reads."""
+        del sensor
+        return motion.slope[..., None]
 
     def linearisation_value(self, value: Array, deviation: Array) -> Array:
         """Return the delay that the joints are taken later by: none, unless it is clearly one."""
@@ -111,15 +107,10 @@ class ClockDrift(Linear):
             std=numbers(std),
         )
 
-    def reading(self, motion: Reading) -> tuple[Array, Array]:
-        """Return how much further on pose and twist are read, and how much faster the base is by the joints' clock."""
-        time = motion.time[:, None]
-        return (time * motion.twist)[..., None], (time * motion.slope + motion.twist)[..., None]
-
-    def gyro_reading(self, motion: Reading) -> Array:
-        """Return how much further on the angular velocity is read."""
-        assert motion.imu is not None, 'there is an IMU'
-        return (motion.time[:, None] * motion.imu.slope + motion.imu.rate)[..., None]
+    def measured(self, sensor: str, motion: Motion) -> Array:
+        """Return how much further on any sensor of the base reads, and how much faster by the joints' clock."""
+        del sensor
+        return (motion.time[:, None] * motion.slope + motion.rate)[..., None]
 
 
 def clock_drift(deviation: float) -> ClockDrift:

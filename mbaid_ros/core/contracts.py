@@ -12,7 +12,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, Flags, cross, crossed, exp, mounted_base, rotate_back
 from mbaid_ros.core.repair import Conversion, Repair
 from mbaid_ros.core.results.verdict import Reason
-from mbaid_ros.core.robot.model import Kinematics, Link, PlaneDetector
+from mbaid_ros.core.robot.model import Configuration, PlaneDetector
 from mbaid_ros.core.robot.momentum import BodyStates, MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.windows import Knots, Midpoints, Window, at_the_base, midpoints, with_joints_later
@@ -61,36 +61,25 @@ class NominalModel:
 
 
 @dataclass(frozen=True)
-class ImuMotion:
-    """How an IMU turns in B windows, odometry axes."""
+class Motion:
+    """The motion of B windows and of what a sensor reads of it; angular parts first, odometry axes."""
 
-    # rate, slope: (B, 3) rad/s, mean angular velocity at the knots; its weighted mean slope
-    rate: Array
-    slope: Array
-    axes: Array  # (B, 3, 3) weighted mean of R, its axes to the odometry's
-    # stretching, turning, crossing: (B, 3, 3) weighted means of R diag(R^T w), [w]x R and R X(R^T w), X as in
-    # `geometry.crossed`
-    stretching: Array
-    turning: Array
-    crossing: Array
-
-
-@dataclass(frozen=True)
-class Reading:
-    """A window's motion, for the derivatives of the readings; B windows, angular parts first, odometry axes."""
-
-    # twist, slope: (B, 6) mean twist (w, v) of the base at the knots; weighted mean of (w', v' - w x v)
-    twist: Array
-    slope: Array
-    rotation: Array  # (B, 3, 3) mean orientation of the base at the knots
-    # turning, sliding, axes: (B, 3, 3) weighted means of [w]x R, [v]x R and R
-    turning: Array
-    sliding: Array
     time: Array  # (B,) s, of the windows' middles
+    origin: Array  # (3,) m, the run's, in the odometry frame
     position: Array  # (B, 3) m, mean position of the base at the knots, from the run's origin
-    axes: Array
-    origin: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, the run's, in the odometry frame
-    imu: ImuMotion | None = None  # where there is one
+    rotation: Array  # (B, 3, 3) mean orientation of the base at the knots
+    twist: Array  # (B, 6) mean twist (w, v) of the base at the knots
+    # slope, rate: (B, r) how fast the r numbers change that the sensor reads, and how much they grow, relatively, with
+    # the speed of the motion: of poses the twist and 0, of twists (w', v' - w x v) and the twist itself
+    slope: Array
+    rate: Array
+    # Of twists and angular velocities alone, weighted means (B, 3, 3) of R, [w]x R, [v]x R, R diag(R^T w) and
+    # R X(R^T w), with the sensor's axes R and angular velocity w, and X as in `geometry.crossed`:
+    axes: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    turning: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    sliding: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    stretching: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    crossing: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
 
 
 class PlacedFrame(Protocol):
@@ -213,19 +202,20 @@ class Unknown:
         """
         raise NotImplementedError(type(self).__name__)
 
-    def reading(self, motion: Reading) -> tuple[Array, Array] | None:
-        """Return how much more mean pose (angular, linear) and twist of B windows read by it, (B, 6, k) each."""
-        del motion
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
+        """Return how much more a sensor reads by it in B windows, (B, r, k); None where it is not in the readings.
+
+        Parameters
+        ----------
+        sensor : 'pose' and 'twist', of r = 6 numbers each, angular ones first, or the name of a gyro, of 3
+        motion : of what this sensor reads
+        """
+        del sensor, motion
         return None
 
     def deflections(self, position: Array, rate: Array) -> tuple[Array, Array]:
         """Return how much further on and faster than read (N, n) the joints are by it, (N, n, k) each."""
         raise NotImplementedError(type(self).__name__)
-
-    def gyro_reading(self, motion: Reading) -> Array | None:
-        """Return how much more the angular velocity of an IMU reads by it, odometry axes, (B, 3, k); None: nothing."""
-        del motion
-        return None
 
     @property
     def random_walk(self) -> Array:
@@ -417,15 +407,6 @@ class Check(Protocol):
         """Add the next window; return the findings until then."""
 
 
-def on_link(middle: Midpoints, kinematics: Kinematics, link: Link) -> Midpoints:
-    """Return a motion with the axes of an IMU on a link, and its turn by each joint rate."""
-    flat, shape = middle.flat, middle.turn.shape[:-1]
-    placed = kinematics.configure(flat.base_rotation, flat.joint_position)
-    gain = np.swapaxes(placed.joint_twist[..., 3:] * kinematics.ancestors[link.body][:, None], 1, 2)
-    axes, _ = placed.link_pose(link)
-    return replace(middle, gyro_axes=axes.reshape(*shape, 3, 3), gyro_gain=gain.reshape(*shape, *gain.shape[1:]))
-
-
 @dataclass(frozen=True)
 class Stack:
     """Windows of one shape, side by side."""
@@ -443,11 +424,8 @@ class Stack:
         """The motion midway between all knots as measured, (J - 1, B, ...)."""
         return midpoints(self.knots, self.windows[0].spacing)
 
-    def motion(self, side: NominalModel, imu: Link | None = None, beside: int = 1) -> tuple[Midpoints, slice]:
-        """Return the motion as a nominal model corrects it, with intervals `beside` it, and the own part.
-
-        An IMU may be on a link that joints move (`imu`).
-        """
+    def motion(self, side: NominalModel, beside: int = 1) -> tuple[Midpoints, slice]:
+        """Return the motion as a nominal model corrects it, with intervals `beside` it, and the own part."""
         if side.mount.any():
             middle = midpoints(at_the_base(self.knots, side.mount), self.windows[0].spacing)
         elif side.gyro.any() and self.knots.course.shape[-1]:
@@ -455,7 +433,8 @@ class Stack:
             read = rotate_back(middle.base_rotation, middle.turn / self.windows[0].spacing)
             bias, scale, turn, shared = side.gyro.reshape(4, 3)
             errors = bias + scale * read + cross(read, np.broadcast_to(turn, read.shape)) + crossed(read) @ shared
-            middle = replace(middle, gyro=middle.gyro - errors)
+            own, others = np.split(middle.further, [3], axis=-1)
+            middle = replace(middle, further=np.concatenate((own - errors, others), axis=-1))
         else:
             middle = self.middle
         if side.delay != 0.0:
@@ -464,10 +443,7 @@ class Stack:
             middle = replace(middle, joint_position=middle.joint_position + side.zeros)
         first, last, _ = self.windows[0].inside.indices(len(middle))
         begin = max(first - beside, 0)
-        middle = middle[begin : last + beside]
-        if imu is not None and middle.gyro.shape[-1]:
-            middle = on_link(middle, side.kernel.kinematics, imu)
-        return middle, slice(first - begin, last - begin)
+        return middle[begin : last + beside], slice(first - begin, last - begin)
 
     @cached_property
     def samples(self) -> Array:
@@ -499,7 +475,7 @@ class Stack:
         """
         inside = self.windows[0].inside
         twist = np.isfinite(self.knots.base_twist[inside.start : inside.stop + 1]).all(axis=(0, 2))
-        if self.knots.gyro.shape[-1]:
+        if self.knots.further.shape[-1]:
             return np.zeros_like(twist)
         twist &= np.isfinite(self.pose_covariance).all(axis=(1, 2))
         pose, of_twist = (
@@ -524,16 +500,54 @@ class Stack:
         """Covariances of one sample, (B, 6, 6)."""
         return np.stack([window.noise.twist for window in self.windows])
 
-    @cached_property
-    def gyro_variance(self) -> Array:
-        """Power density of the gyro's noise, (B, 1, 1) rad^2/s."""
-        return np.array([window.noise.gyro**2 for window in self.windows])[:, None, None]
-
 
 def _turned_back(knots: Knots, errors: Array) -> Knots:
     """Return knots whose orientation and angular velocity are those of a gyro without (12,) errors."""
     away = knots.course.reshape(*knots.course.shape[:-1], 3, 12) @ errors
     return replace(knots, base_rotation=exp(-away) @ knots.base_rotation)
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """A stack's windows, m intervals of each, and how the robot moves in them as predicted; odometry axes."""
+
+    stack: Stack
+    around: Midpoints  # the motion as measured, with intervals beside
+    inside: slice  # the windows' own intervals among these
+    # twist, slope: (m, B, 6) (v, w) of the base and its change a second, in the own intervals
+    twist: Array
+    slope: Array
+    placed: Configuration  # of the robot in all intervals, one window after the other in each
+
+    @property
+    def spacing(self) -> float:
+        """Length of an interval, s."""
+        return self.stack.windows[0].spacing
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What a sensor measures of the base's mean twist in B windows, r numbers, odometry axes."""
+
+    value: Array  # (B, r) weighted mean of its readings, less what joints between add; NaN where it has none
+    covariance: Array  # (B, r, r) of its own noise in that, which it shares with no other sensor
+    motion: Motion  # that it reads, for the unknowns
+    joint_gain: Array | None = None  # (B, r, n) its derivative by the joint rates beside the base's; None: none
+
+
+class Sensor(Protocol):
+    """What measures the base's twist or a part of it, beside encoders and poses: the odometry's twist, any gyro."""
+
+    @property
+    def name(self) -> str:
+        """Its name: of a gyro that of its parameters."""
+
+    @property
+    def of_twist(self) -> Array:
+        """What it reads of the base's twist (w, v) in odometry axes, (r, 6)."""
+
+    def observed(self, course: Course, base: Motion) -> Observation:
+        """Return what it measures in windows; `base` is their motion as twists are read."""
 
 
 def stacked(windows: Sequence[Window]) -> list[Stack]:

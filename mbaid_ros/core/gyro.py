@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 
-from mbaid_ros.core.contracts import ImuMotion, NominalModel, Reading, Stack, Unknown, diagonal
+from mbaid_ros.core.contracts import Course, Motion, NominalModel, Observation, Stack, Unknown, diagonal
 from mbaid_ros.core.geometry import (
     Array,
     Flags,
@@ -26,8 +27,8 @@ from mbaid_ros.core.geometry import (
 from mbaid_ros.core.odometry.faults import (
     CONTRADICTS,
     Meanings,
-    Motion,
     RateCheck,
+    RateMotion,
     ends,
     likeliest,
     slope_over_window,
@@ -39,10 +40,13 @@ from mbaid_ros.core.odometry.stream import orientation_only, usable_covariance
 from mbaid_ros.core.robot.model import Kinematics, Link, PlaneDetector, RobotModel, express
 from mbaid_ros.core.robot.momentum import MomentumKernel, mobility_and_joint_momentum
 from mbaid_ros.core.samples import ArrayRecord, BaseStream, ImuStream, Samples, Stamps, stamps_of
-from mbaid_ros.core.windows import Midpoints, Window, gradient
+from mbaid_ros.core.windows import Window, gradient
 from mbaid_ros.errors import ParameterError, listing
-from mbaid_ros.parameters import parameter
+from mbaid_ros.parameters import by_name, parameter
 
+IMU = 'imu'  # the first gyro
+# Topics that others have.
+_TAKEN = ('imu', 'joint_states', 'odom', 'pose', 'robot_description', 'stored_momentum', 'tf', 'thrust')
 SATURATED = 'IMU: angular velocity at the end of its range, or stuck'
 LARGEST_BACKLOG = 1_000_000  # measurements that wait for joints: more are memory without an end
 # Readings in a row that are the same to the last bit, and how fast (rad/s): a gyro whose range is not known is at its
@@ -66,18 +70,12 @@ _IMU_DELAY_STD = 5e-3  # s, of stamps that a driver sets on arrival: half a peri
 
 
 @dataclass(frozen=True)
-class ImuConfig:
-    """The angular velocity of an IMU; with `noise_density` the topic imu is used."""
+class GyroConfig:
+    """The angular velocity of a gyro."""
 
     noise_density: float = parameter(0.0, 'rad/s/sqrt(Hz)', minimum=0.0)
     """White noise density of the gyro, as in data sheets: standard deviation of a reading over the square root of the
-    rate. 0: the topic imu is not used."""
-    alone: bool = parameter(default=False)
-    """Nothing locates the base: the gyro alone measures its rotation about the common centre of mass. Only for method
-    trajectory; odom and pose are ignored, linear momentum and heading are unobservable."""
-    orientation: bool = parameter(default=False)
-    """With imu.alone: also use the orientation in the messages, as from a star tracker, unless its covariance is -1
-    (REP 145). The gyro then fills the gaps between messages, and the heading is observable."""
+    rate. 0: its topic is not used."""
     bias_std: float = parameter(0.01, 'rad/s', minimum=0.0)
     """Standard deviation of the gyro's initial bias about each axis."""
     bias_walk: float = parameter(2e-5, 'rad/s/sqrt(s)', minimum=0.0)
@@ -96,6 +94,55 @@ class ImuConfig:
     frame: str = parameter('')
     """Link that carries the IMU and whose axes it measures in: on the base or moved by joints, but not the target or a
     link that the target carries. Empty: the frame_id of the messages, a link on the base."""
+
+
+@dataclass(frozen=True)
+class ImuConfig(GyroConfig):
+    """The angular velocity of an IMU; with `noise_density` the topic imu is used."""
+
+    alone: bool = parameter(default=False)
+    """Nothing locates the base: the gyro alone measures its rotation about the common centre of mass. Only for method
+    trajectory; odom and pose are ignored, linear momentum and heading are unobservable."""
+    orientation: bool = parameter(default=False)
+    """With imu.alone: also use the orientation in the messages, as from a star tracker, unless its covariance is -1
+    (REP 145). The gyro then fills the gaps between messages, and the heading is observable."""
+
+
+@dataclass(frozen=True)
+class GyrosConfig:
+    """Further gyros beside that of imu, on any links."""
+
+    names: tuple[str, ...] = parameter(())
+    """Further gyros, each an Imu on the topic of its name; gyros.<name>.noise_density is needed."""
+    each: Mapping[str, Mapping[str, Any]] = by_name(GyroConfig, 'name')
+
+
+def declared_gyros(imu: ImuConfig, further: GyrosConfig) -> dict[str, GyroConfig]:
+    """Return the gyros in use by the names of their parameters: imu, gyros.arm; the topic is the last part.
+
+    Raises ParameterError: A name is taken, given twice or no topic's, or has no noise.
+    """
+    found: dict[str, GyroConfig] = {IMU: imu} if imu.noise_density > 0.0 else {}
+    for name in further.names:
+        if name in _TAKEN or further.names.count(name) > 1 or not re.fullmatch(r'[A-Za-z]\w*', name, re.ASCII):
+            raise ParameterError(
+                f"parameter 'gyros.names' has '{name[:60]}'; accepted: letters, digits and underscores, each name "
+                f'once, and none of {listing(_TAKEN)}'
+            )
+        found[f'gyros.{name}'] = gyro = GyroConfig(**further.each.get(name, {}))
+        if gyro.noise_density == 0.0:
+            raise ParameterError(f"parameter 'gyros.{name}.noise_density' is 0; accepted: its noise, above 0")
+    if foreign := [name for name in further.each if name not in further.names]:
+        raise ParameterError(
+            f"parameter 'gyros.{foreign[0][:60]}' is of no gyro in 'gyros.names'; accepted: "
+            f'{listing(further.names) or "none"}'
+        )
+    return found
+
+
+def topic_of(name: str) -> str:
+    """Return the topic of a gyro by the name of its parameters."""
+    return name.rpartition('.')[2]
 
 
 @dataclass(frozen=True)
@@ -255,6 +302,7 @@ class GyroErrors:
     alone: bool = False  # whether it alone observes the orientation, which windows are linearised along
     with_orientation: bool = False  # whether the IMU measures the orientation, too, in the same axes
     link: Link | None = None  # that the IMU is on, where joints move it; None on the base
+    name: str = IMU  # of its parameters
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,19 +321,16 @@ class Gyro(Unknown):
         """The walk of the bias."""
         return self.wandering
 
-    def reading(self, motion: Reading) -> tuple[Array, Array] | None:
-        """Return how the orientation reads that is measured in the same axes: R_read = R Exp(e)."""
-        if not self.errors.with_orientation:
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
+        """Return its reading by each, and how an orientation measured in the same axes reads: R_read = R Exp(e)."""
+        if sensor == self.errors.name:
+            parts = (motion.axes, motion.stretching, motion.turning, motion.crossing, -motion.slope[..., None])
+            return np.concatenate(parts, axis=-1)
+        if sensor != 'pose' or not self.errors.with_orientation:
             return None
-        pose, twist = np.zeros((2, len(motion.rotation), 6, 13))
+        pose = np.zeros((len(motion.rotation), 6, 13))
         pose[:, :3, 6:9] = motion.rotation
-        return pose, twist
-
-    def gyro_reading(self, motion: Reading) -> Array:
-        """Return its reading by each."""
-        assert motion.imu is not None, 'there is an IMU'
-        own = motion.imu
-        return np.concatenate((own.axes, own.stretching, own.turning, own.crossing, -own.slope[..., None]), axis=-1)
+        return pose
 
     def linearisation_value(self, value: Array, deviation: Array) -> Array:
         """Return zero where poses are measured: the readings are linear, and windows are those that are read.
@@ -338,69 +383,90 @@ def gyro(errors: GyroErrors | None) -> Gyro:
     deviations = np.array([*np.repeat((own.bias, own.scale, own.orientation, own.cross), 3), own.delay])
     wandering = np.zeros((13, 3))
     wandering[:3] = own.walk * np.eye(3)
-    labels = (*np.repeat(GYRO[:4], 3).tolist(), LATE)
+    of = '' if own.name == IMU else f':{topic_of(own.name)}'
+    labels = tuple(f'{label}{of}' for label in (*np.repeat(GYRO[:4], 3).tolist(), LATE))
     return Gyro(diagonal(deviations), labels, wandering[:, : 3 * (own.walk > 0.0)], own)
 
 
-def gyro_check() -> RateCheck:
-    """Return the check whether the gyro turns as the poses do."""
-    return RateCheck(_gyro_motion, _gyro_error, 'conflict')
+def gyro_check(name: str = IMU, columns: slice = slice(0, 3)) -> RateCheck:
+    """Return the check whether a gyro on the base turns as the poses do; arguments as of `GyroSensor`."""
+    return RateCheck(partial(_turn_of_gyro, columns=columns), partial(_gyro_error, name=name), 'conflict')
 
 
-def _gyro_motion(window: Samples) -> Motion | None:
+def _turn_of_gyro(window: Samples, columns: slice = slice(0, 3)) -> RateMotion | None:
     """Return how the base turned, in its axes at the start, by poses and gyro; None without a gyro."""
-    if not window.gyro.shape[1]:
+    if not window.further.shape[1]:
         return None
     rotation, count = window.base_rotation, len(window)
     step = slope_over_window(log(rotation[0].T @ ends(rotation)))
     noise = np.sqrt(6.0 / count * spread(window.pose_covariance)[:3])
-    rows = step, slope_over_window(ends(window.gyro)), noise, np.zeros((3, 3)), rotation[0]
-    return Motion(*(row[None] for row in rows))
+    rows = step, slope_over_window(ends(window.further[:, columns])), noise, np.zeros((3, 3)), rotation[0]
+    return RateMotion(*(row[None] for row in rows))
 
 
-def _gyro_error(motion: Motion, contradiction: float) -> tuple[str, float]:
+def _gyro_error(motion: RateMotion, contradiction: float, name: str) -> tuple[str, float]:
     """Return the units or axes that a gyro has instead of the poses', and the gain; a bias is none."""
     del contradiction  # a bias has its part in it
     step, read = (each - np.mean(each, axis=0) for each in (motion.step, motion.read))
     declared = _OFF * np.sqrt(np.mean(np.sum(step**2, axis=1)))
     motion = replace(motion, step=step, read=read, noise=np.hypot(motion.noise, declared))
     contradiction = motion.misfit(motion.read)
-    return likeliest(motion, contradiction, _gyro_meanings(motion)) if contradiction >= CONTRADICTS else ('', 0.0)
+    return likeliest(motion, contradiction, _gyro_meanings(motion, name)) if contradiction >= CONTRADICTS else ('', 0.0)
 
 
-def _gyro_meanings(motion: Motion) -> Meanings:
+def _gyro_meanings(motion: RateMotion, name: str) -> Meanings:
     """Yield the conventions of a gyro, and the steps (W, 3) that each implies."""
-    text = 'the angular velocity of the IMU is 57.3 times that of the poses: it is in degrees; accepted: rad/s, as in'
+    what = 'the IMU' if name == IMU else f'the gyro {topic_of(name)}'
+    text = f'the angular velocity of {what} is 57.3 times that of the poses: it is in degrees; accepted: rad/s, as in'
     yield 1.0, f'{text} REP 103', np.deg2rad(motion.read)
     turn, about = turn_between(motion.step, motion.read, motion.noise)
     if np.linalg.norm(log(turn)) > _TURNED:
-        text = f'the IMU is turned by {about} relative to its frame: correct the frame in the robot description, or set'
-        yield 1.0, f'{text} imu.frame', motion.read @ turn.T
+        text = f'{what} is turned by {about} relative to its frame: correct the frame in the robot description, or set'
+        yield 1.0, f'{text} {name}.frame', motion.read @ turn.T
 
 
-def turning_imu(
-    motion: tuple[Midpoints, slice], twist: Array, reading: Reading, slope: Array, spacing: float
-) -> ImuMotion:
-    """Return the turn of a stack's IMU, for the base's predicted twist (m, B, 6) and its slope."""
-    around, inside = motion
-    weight = parabolic_weights(inside.stop - inside.start)[:, None, None]
-    relative = around.imu_rate
-    rate, axes = twist[..., 3:] + relative[inside], around.imu_axes[inside]
-    changing = slope[..., 3:] + gradient(relative)[inside] / spacing
-    within = rotate_back(axes, rate)
-    return ImuMotion(
-        rate=reading.twist[..., :3] + total(weight * relative[inside]),
-        slope=total(weight * changing),
-        axes=total(weight[..., None] * axes),
-        stretching=total(weight[..., None] * axes * within[..., None, :]),
-        turning=total(weight[..., None] * (skew(rate) @ axes)),
-        crossing=total(weight[..., None] * (axes @ crossed(within))),
-    )
+@dataclass(frozen=True, eq=False)
+class GyroSensor:
+    """A gyro as a sensor of the base's angular velocity: turned by the measured pose, less the turn by joints."""
 
+    name: str
+    density: float  # rad/s/sqrt(Hz) of its noise
+    columns: slice  # of its integral in `Samples.further`
+    link: Link | None = None  # that it is on, where joints move it; None on the base
+    moved_by: Array = field(default_factory=lambda: np.zeros(0))  # (n,) 1 of each joint that moves this link, else 0
 
-def gyro_covariance(stack: Stack, count: int) -> Array:
-    """Return the (B, 3, 3) covariance of windows' weighted angular velocity by the gyro's own noise; of m intervals."""
-    return np.asarray(_preintegrated(count, stack.windows[0].spacing) * stack.gyro_variance * np.eye(3))
+    @property
+    def of_twist(self) -> Array:
+        """The angular part."""
+        return np.eye(3, 6)
+
+    def observed(self, course: Course, base: Motion) -> Observation:
+        """Return the mean angular velocity of the base that it measures."""
+        around, inside, spacing = course.around, course.inside, course.spacing
+        count, middle = inside.stop - inside.start, (inside.start + inside.stop) // 2
+        axes, relative, gain = around.base_rotation, np.zeros_like(around.turn), None
+        if self.link is not None:
+            shape = around.turn.shape[:-1]
+            axes = course.placed.link_pose(self.link)[0].reshape(*shape, 3, 3)
+            gain = np.swapaxes(course.placed.joint_twist[..., 3:] * self.moved_by[:, None], 1, 2).reshape(*shape, 3, -1)
+            relative = (gain @ around.joint_velocity[..., None])[..., 0]
+        weight, axes = parabolic_weights(count)[:, None, None], axes[inside]
+        changing = course.slope[..., 3:] + gradient(relative)[inside] / spacing
+        relative = relative[inside]
+        rate = course.twist[..., 3:] + relative
+        within = rotate_back(axes, rate)
+        own = replace(
+            base,
+            rate=base.twist[..., :3] + total(weight * relative),
+            slope=total(weight * changing),
+            axes=total(weight[..., None] * axes),
+            stretching=total(weight[..., None] * axes * within[..., None, :]),
+            turning=total(weight[..., None] * (skew(rate) @ axes)),
+            crossing=total(weight[..., None] * (axes @ crossed(within))),
+        )
+        read = rotate(axes, around.further[inside][..., self.columns])
+        noise = np.tile(_preintegrated(count, spacing) * self.density**2 * np.eye(3), (len(base.time), 1, 1))
+        return Observation(total(weight * (read - relative)), noise, own, None if gain is None else gain[middle])
 
 
 @cache
@@ -419,6 +485,37 @@ def _preintegrated(count: int, spacing: float) -> float:
     return float(np.sum(readings**2) * spacing / fine)
 
 
+def gyro_sensors(
+    gyros: Mapping[str, GyroConfig], model: RobotModel, target_link: str, frame_prefix: str
+) -> tuple[GyroSensor, ...]:
+    """Return gyros, by the names of their parameters, as sensors with columns one after the other.
+
+    Raises ParameterError: A gyro cannot be on the frame that its parameters name.
+
+    Parameters
+    ----------
+    target_link, frame_prefix : as of `imu_link`
+    """
+    return tuple(
+        gyro_sensor(
+            name,
+            config.noise_density,
+            model,
+            imu_link(config, model, target_link, frame_prefix, name),
+            slice(3 * place, 3 * place + 3),
+        )
+        for place, (name, config) in enumerate(gyros.items())
+    )
+
+
+def gyro_sensor(
+    name: str, density: float, model: RobotModel, link: Link | None = None, columns: slice = slice(0, 3)
+) -> GyroSensor:
+    """Return a gyro as a sensor; arguments as of `GyroSensor`, and the robot's model."""
+    moved_by = np.zeros(model.joints) if link is None else Kinematics(model).ancestors[link.body]
+    return GyroSensor(name, density, columns, link, moved_by)
+
+
 def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Window]) -> Array:
     """Return the angular momentum about the centre of mass, odometry axes, (3,); zero where poses locate the base.
 
@@ -433,7 +530,10 @@ def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Wi
     known, momenta = kernel.body_parameters(target), []
     for window in windows[:_FIRST]:
         middle = Stack((window,), (0,)).middle[window.inside].flat
-        if np.isfinite(window.noise.pose[-1, -1]) or not middle.gyro.shape[-1] or not np.all(np.isfinite(middle.gyro)):
+        if np.isfinite(window.noise.pose[-1, -1]) or not middle.further.shape[-1]:
+            continue
+        read = middle.further[:, :3]
+        if not np.all(np.isfinite(read)):
             continue
         placed = kernel.kinematics.configure(middle.base_rotation, middle.joint_position)
         joints = kernel.kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
@@ -441,7 +541,7 @@ def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Wi
         mobility, moving = mobility_and_joint_momentum(kernel, middle.stored, bodies, placed, joints)
         # V = M^-1 (h - b), no linear momentum: solve with the angular part of M^-1 alone.
         at_rest = (mobility @ moving[..., None])[..., 0]
-        rate = rotate(middle.base_rotation, middle.gyro) + at_rest[:, 3:]
+        rate = rotate(middle.base_rotation, read) + at_rest[:, 3:]
         momenta.append(np.linalg.solve(mobility[:, 3:, 3:], rate[..., None])[..., 0])
     return np.mean(np.concatenate(momenta), axis=0) if momenta else np.zeros(3)
 
@@ -523,7 +623,9 @@ class ImuReader:
         return rotation, np.where(good[:, None, None], covariance, np.nan), declared
 
 
-def imu_link(config: ImuConfig, model: RobotModel, target_link: str, frame_prefix: str) -> Link | None:
+def imu_link(
+    config: GyroConfig, model: RobotModel, target_link: str, frame_prefix: str, name: str = IMU
+) -> Link | None:
     """Return the link of an IMU that joints move; None on the base.
 
     Raises ParameterError: There is no such link, or it moves with the target.
@@ -532,68 +634,55 @@ def imu_link(config: ImuConfig, model: RobotModel, target_link: str, frame_prefi
     ----------
     target_link : as of the parameters, the last link if empty
     frame_prefix : before the names of links in frame names
+    name : of its parameters
     """
     given, links = config.frame, {frame_prefix + link.name: link for link in model.links}
     if not given:
         return None
     target, ancestors = model.link(target_link or model.last_link).body, Kinematics(model).ancestors
     carried = [target > 0 and (body == target or bool(ancestors[body, target - 1])) for body in range(len(ancestors))]
-    accepted = [name for name, link in links.items() if not carried[link.body] and not (config.alone and link.body)]
+    alone = isinstance(config, ImuConfig) and config.alone
+    accepted = [frame for frame, link in links.items() if not carried[link.body] and not (alone and link.body)]
     if given not in accepted:
         why = ''
         if given in links:
             why = ', which moves with the target' if carried[links[given].body] else ", and 'imu.alone' is true"
-        raise ParameterError(f"parameter 'imu.frame' is '{given}'{why}; accepted: {listing(accepted)}")
+        raise ParameterError(f"parameter '{name}.frame' is '{given}'{why}; accepted: {listing(accepted)}")
     return links[given] if links[given].body else None
 
 
 def imu_reader(
-    config: ImuConfig, model: RobotModel, target_link: str, frame_prefix: str, orientation_std: float
+    config: GyroConfig, sensor: GyroSensor, model: RobotModel, frame_prefix: str, orientation_std: float
 ) -> ImuReader:
-    """Return the reader of Imu messages: in base axes, or in those of a link that joints move.
-
-    Raises ParameterError: The IMU cannot be on the frame that the parameters name.
+    """Return the reader of a gyro's messages: in base axes, or in those of a link that joints move.
 
     Parameters
     ----------
-    target_link, frame_prefix : as of `imu_link`
+    frame_prefix : before the names of links in frame names
     orientation_std : rad, of an orientation in messages without a covariance
     """
     axes = {frame_prefix + link.name: link.rotation for link in model.links if link.body == 0}
-    if imu_link(config, model, target_link, frame_prefix) is not None:
+    if sensor.link is not None:
         axes = {config.frame: np.eye(3)}
-    return ImuReader(axes, config.frame, orientation_std if config.orientation else None)
+    oriented = isinstance(config, ImuConfig) and config.orientation
+    return ImuReader(axes, config.frame, orientation_std if oriented else None)
 
 
-def declared_gyro(config: ImuConfig, link: Link | None) -> Gyro:
-    """Return the errors of an IMU, on a link that joints move if there is one; exact without an IMU."""
-    if config.noise_density == 0.0:
-        return gyro(None)
+def declared_gyro(config: GyroConfig, sensor: GyroSensor) -> Gyro:
+    """Return the errors of a gyro."""
+    alone = oriented = False
+    if isinstance(config, ImuConfig):
+        alone, oriented = config.alone, config.orientation
     errors = GyroErrors(
         config.bias_std,
         config.scale_std,
         config.orientation_std,
-        0.0 if config.alone else _IMU_DELAY_STD,  # alone, its delay is the joints' time offset
+        0.0 if alone else _IMU_DELAY_STD,  # alone, its delay is the joints' time offset
         config.bias_walk,
         config.cross_axis_std,
-        alone=config.alone and not config.orientation,
-        with_orientation=config.orientation,
-        link=link,
+        alone=alone and not oriented,
+        with_orientation=oriented,
+        link=sensor.link,
+        name=sensor.name,
     )
     return gyro(errors)
-
-
-def make_gyro(
-    config: ImuConfig, model: RobotModel, target_link: str, frame_prefix: str, maximum_gap: float
-) -> RateIntegrator | None:
-    """Return the integrator of an IMU's angular velocity; None without an IMU.
-
-    Parameters
-    ----------
-    target_link, frame_prefix : as of `imu_link`
-    maximum_gap : s, longest interval that is interpolated
-    """
-    if config.noise_density == 0.0:
-        return None
-    on_base = imu_link(config, model, target_link, frame_prefix) is None
-    return RateIntegrator(round(maximum_gap * 1e9), config.range, on_base=on_base)

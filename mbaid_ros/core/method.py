@@ -107,7 +107,6 @@ class TrajectorySettings:
     hypotheses: tuple[Hypothesis, ...]  # that are followed; the first is the one to beat
     suspects: tuple[Unknown, ...] = ()  # that a contradicted run is tried with, each nearly exact
     conventions: tuple[ConventionFactory, ...] = ()  # that a contradicted run may have mistaken
-    gyro: float = 0.0  # rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity; 0 where there is none
     located: bool = True  # whether anything locates the base; linear momentum means nothing where not
     orientation_measured: bool = True  # whether anything but a gyro measures the orientation
     before: Continuation | None = None  # the run that this one continues
@@ -195,7 +194,6 @@ class TrajectoryEstimator:
         self._averaging = KnotAveraging(
             settings.noise,
             settings.window,
-            settings.gyro,
             orientation_measured=settings.orientation_measured,
             fastest=kernel.springs.highest_frequency,
         )

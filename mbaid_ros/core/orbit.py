@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
-from mbaid_ros.core.contracts import Disturbance, Reading, Words, diagonal
+from mbaid_ros.core.contracts import Disturbance, Motion, Words, diagonal
 from mbaid_ros.core.geometry import Array, bracket, chi_square_limit, cross, exp, rotate, rotate_back, skew, unvec
 from mbaid_ros.core.repair import Repair, widened
 from mbaid_ros.core.results.verdict import Reason
@@ -396,18 +396,15 @@ class OrbitShape(Disturbance):
         ahead, stronger = self._orbit_sensitivity(time)[::2]
         return np.asarray(brought * stronger[:, None] + turned * ahead[:, None])
 
-    def reading(self, motion: Reading) -> tuple[Array, Array]:
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
         """Return the rotation of a co-rotating frame back, about its own origin."""
-        pose: Array = np.zeros((len(motion.time), 6, 3))
-        twist: Array = pose
-        if self.circle.orbit.is_rotating:
-            normal = np.broadcast_to(self.circle.orbit.normal, motion.position.shape)
-            turn = np.concatenate((normal, cross(normal, motion.origin + motion.position)), axis=1)[..., None]
-            ahead, faster, _ = self._orbit_sensitivity(motion.time)
-            pose = np.asarray(-turn * ahead[:, None])
-            if self.circle.relative_twist:
-                twist = np.asarray(-turn * faster[:, None])
-        return pose, twist
+        relative = sensor == 'pose' or (sensor == 'twist' and self.circle.relative_twist)
+        if not (relative and self.circle.orbit.is_rotating):
+            return None
+        normal = np.broadcast_to(self.circle.orbit.normal, motion.position.shape)
+        turn = np.concatenate((normal, cross(normal, motion.origin + motion.position)), axis=1)[..., None]
+        ahead, faster, _ = self._orbit_sensitivity(motion.time)
+        return np.asarray(-turn * (ahead if sensor == 'pose' else faster)[:, None])
 
     def _orbit_sensitivity(self, time: Array) -> tuple[Array, Array, Array]:
         """Return how D, its rate and s depend on the numbers, (N, 3) each."""

@@ -53,6 +53,7 @@ ORIENTATION_AND_GYRO = (
 )
 POSES_AND_GYRO = 'no twist of the base: the poses and the angular velocity of the IMU are used'
 WITHOUT_GYRO = 'the angular velocity of the IMU is not used: method trajectory uses it'
+NO_IMU: Mapping[str, ImuStream | None] = {}
 _ZEROS = 10  # poses of zeros, from which tracking had not begun
 _POSITION, _ORIENTATION = 1e-3, 1e-4  # m, rad, noise of the base's poses
 _CERTAIN = 1e6  # log-likelihood that such a cause counts as: more than a filter finds for any other
@@ -66,7 +67,7 @@ class Synchroniser:
     ----------
     maximum_gap : s, longest time between two odometry stamps that is interpolated
     view : transforms measurements of the base to an inertial frame, if that of the odometry is none
-    gyro : integrates an IMU's rate; samples then wait for it
+    gyros : integrate the rates of gyros, by name; samples then wait for them
     noise : receives the readings that are used
     """
 
@@ -74,12 +75,12 @@ class Synchroniser:
         self,
         maximum_gap: float,
         view: Callable[[BaseStream], BaseStream] | None = None,
-        gyro: RateIntegrator | None = None,
+        gyros: Mapping[str, RateIntegrator] | None = None,
         noise: NoiseEstimator | None = None,
     ) -> None:
         self._noise = noise
         self._view = view
-        self._gyro = gyro
+        self._gyros = gyros or {}
         self._maximum_gap = round(maximum_gap * 1e9)
         self._joints: JointStream | None = None
         self._base: BaseStream | None = None
@@ -96,9 +97,9 @@ class Synchroniser:
     @property
     def dropped(self) -> Counter[str]:
         """Measurements that were not used, by cause."""
-        gyro = Counter[str]() if self._gyro is None else self._gyro.dropped
         gates = (self._repeats, self._outliers, self._held, self._joint_outliers)
-        return +sum((gate.dropped for gate in gates), self._dropped + gyro)
+        gyros = sum((gyro.dropped for gyro in self._gyros.values()), self._dropped)
+        return +sum((gate.dropped for gate in gates), gyros)
 
     @property
     def outlying_joint(self) -> int | None:
@@ -116,8 +117,10 @@ class Synchroniser:
         """Stamp of the first sample, ns: time 0 of every sample."""
         return self._origin or 0
 
-    def push(self, joints: JointStream | None, base: BaseStream | None, imu: ImuStream | None = None) -> Samples | None:
-        """Add measurements; return the samples that they complete, None if there are none.
+    def push(
+        self, joints: JointStream | None, base: BaseStream | None, imus: Mapping[str, ImuStream | None] = NO_IMU
+    ) -> Samples | None:
+        """Add measurements, of gyros by name; return the samples that they complete, None if there are none.
 
         Stamps not after their predecessor in the stream are dropped and counted; so are repeated poses and outliers.
         """
@@ -132,8 +135,8 @@ class Synchroniser:
         self._base = self._append(self._base, new)
         if self._noise is not None:
             self._noise.add_readings(joints, new)
-        if self._gyro is not None:
-            self._gyro.push(imu)
+        for name, gyro in self._gyros.items():
+            gyro.push(imus.get(name))
         if self._joints is None or self._base is None:
             return None
         waiting, known = self._joints.stamp, self._base.stamp
@@ -149,17 +152,17 @@ class Synchroniser:
         pending = min([pending, *(stamp for stamp in held_back if stamp is not None)])
         first = max(int(np.searchsorted(known, pending, side='right')) - 2, 0)
         self._base = self._base[first:]
-        if self._gyro is not None:
-            self._gyro.forget_before(int(self._base.stamp[0]))
+        for gyro in self._gyros.values():
+            gyro.forget_before(int(self._base.stamp[0]))
         return samples
 
     def _measured_until(self, base: Stamps) -> int:
-        """Return the last stamp of the base (N,) up to which the gyro is known, too; the least integer if none."""
-        if self._gyro is None:
+        """Return the last stamp of the base (N,) up to which the gyros are known, too; the least integer if none."""
+        if not self._gyros:
             return int(base[-1])
         silent = self._newest[JointStream] - _PATIENCE
-        newest = silent if self._gyro.newest is None else max(self._gyro.newest, silent)
-        # Samples between two of the base need the gyro until the second.
+        newest = min(silent if gyro.newest is None else max(gyro.newest, silent) for gyro in self._gyros.values())
+        # Samples between two of the base need the gyros until the second.
         place = int(np.searchsorted(base, newest, side='right'))
         return int(base[place - 1]) if place else _BEFORE_ALL
 
@@ -207,27 +210,31 @@ class Synchroniser:
             self._origin = int(joints.stamp[0])
         time = (joints.stamp - self._origin) * 1e-9
         samples = replace(hermite(joints, base, (left, right), self._maximum_gap, time, shared), apart=apart)
-        if self._gyro is None:
+        if not self._gyros:
             return samples
-        samples = replace(samples, gyro=self._gyro.integral_at_samples(joints.stamp))
-        if not self._gyro.on_base:
+        integrals = [gyro.integral_at_samples(joints.stamp) for gyro in self._gyros.values()]
+        samples = replace(samples, further=np.concatenate(integrals, axis=1))
+        on_base = next((gyro for gyro in self._gyros.values() if gyro.on_base), None)
+        if on_base is None:
             return samples
-        return replace(samples, base_rotation=self._by_gyro(samples, joints.stamp, base, (left, right)))
+        return replace(samples, base_rotation=_by_gyro(on_base, samples, joints.stamp, base, (left, right)))
 
-    def _by_gyro(self, samples: Samples, stamp: Stamps, base: BaseStream, ends: tuple[Stamps, Stamps]) -> Array:
-        """Return the orientations (N, 3, 3) between two of the base by the gyro, its error spread evenly in between."""
-        assert self._gyro is not None, 'there is an IMU'
-        left, right = ends
-        (now, at), (begin, first), (end, last) = (
-            self._gyro.integral_at(each) for each in (stamp, base.stamp[left], base.stamp[right])
-        )
-        length = base.stamp[right] - base.stamp[left]
-        part = ((stamp - base.stamp[left]) / np.where(length > 0, length, 1))[:, None]
-        rotation = base.rotation[left]
-        turn = log(np.swapaxes(rotation, -1, -2) @ base.rotation[right])
-        turned = rotation @ exp(now - begin + part * (turn - (end - begin)))
-        known = (at == first) & (at == last) & (at >= 0) & (length > 0)
-        return np.where(known[:, None, None], turned, samples.base_rotation)
+
+def _by_gyro(
+    gyro: RateIntegrator, samples: Samples, stamp: Stamps, base: BaseStream, ends: tuple[Stamps, Stamps]
+) -> Array:
+    """Return the orientations (N, 3, 3) between two of the base by a gyro, its error spread evenly in between."""
+    left, right = ends
+    (now, at), (begin, first), (end, last) = (
+        gyro.integral_at(each) for each in (stamp, base.stamp[left], base.stamp[right])
+    )
+    length = base.stamp[right] - base.stamp[left]
+    part = ((stamp - base.stamp[left]) / np.where(length > 0, length, 1))[:, None]
+    rotation = base.rotation[left]
+    turn = log(np.swapaxes(rotation, -1, -2) @ base.rotation[right])
+    turned = rotation @ exp(now - begin + part * (turn - (end - begin)))
+    known = (at == first) & (at == last) & (at >= 0) & (length > 0)
+    return np.where(known[:, None, None], turned, samples.base_rotation)
 
 
 class WindowChecks:
@@ -295,7 +302,7 @@ class Identifier:
     forces : known changes of the momentum, in the order in which they are added to windows
     noise : follows how noisy the sensors are; None takes it as declared
     view : from odometry to the frame in which it is used; None: as it is
-    gyro : integrates the IMU's angular velocity; None where there is none
+    gyros : integrate the rates of gyros, by name
     """
 
     def __init__(
@@ -308,10 +315,10 @@ class Identifier:
         noise: NoiseEstimator | None = None,
         *,
         view: Callable[[BaseStream], BaseStream] | None = None,
-        gyro: RateIntegrator | None = None,
+        gyros: Mapping[str, RateIntegrator] | None = None,
     ) -> None:
         self.estimator = estimator
-        self.synchroniser = Synchroniser(maximum_gap, view, gyro, noise)
+        self.synchroniser = Synchroniser(maximum_gap, view, gyros, noise)
         self._windows = Windows(window)
         self._noise = noise
         self._levels: dict[float, SensorLevels] = {}  # by the end of the latest windows, s
@@ -337,9 +344,11 @@ class Identifier:
         """Measurements that were not used, by cause."""
         return self._dropped + self.synchroniser.dropped
 
-    def push(self, joints: JointStream | None, base: BaseStream | None, imu: ImuStream | None = None) -> list[Estimate]:
-        """Take measurements of any kind and return the estimates of the windows they close."""
-        samples = self.synchroniser.push(joints, base, imu)
+    def push(
+        self, joints: JointStream | None, base: BaseStream | None, imus: Mapping[str, ImuStream | None] = NO_IMU
+    ) -> list[Estimate]:
+        """Take measurements of any kind, of gyros by name, and return the estimates of the windows they close."""
+        samples = self.synchroniser.push(joints, base, imus)
         if samples is None:
             return []
         self.used += len(samples)
@@ -379,7 +388,7 @@ class Identifier:
             if base:
                 self._notes.setdefault(_measured(window), start)
             return window
-        if window.gyro.shape[1]:
+        if window.further.shape[1]:
             self._notes.setdefault(WITHOUT_GYRO, start)
         if (joints or base) and len(window) < FEWEST:
             self._dropped[RATE_MISSING] += len(window)
@@ -404,7 +413,7 @@ def _measured(window: Samples) -> str:
     located, oriented = np.isfinite(np.diagonal(window.pose_covariance[0])[[0, 3]]).tolist()
     if not located:
         return ORIENTATION_AND_GYRO if oriented else GYRO_ALONE
-    return POSES_AND_GYRO if window.gyro.shape[1] and bool(np.isfinite(window.gyro).all()) else POSES_ALONE
+    return POSES_AND_GYRO if window.further.shape[1] and bool(np.isfinite(window.further).all()) else POSES_ALONE
 
 
 class PlainFaults:

@@ -137,9 +137,10 @@ class Samples(ArrayRecord):
     # (N, 30 f) derivatives of the change of (P, L) by known thrust, L about the odometry's origin, by the errors of f
     # thrusters: scale, turn, delay (6 x 5, rows first); none by default
     thrust: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    # (N, 3) rad, integral of an IMU's angular velocity since it began, in base axes, or, if joints move its link, in
-    # those of that link; NaN where unknown, (N, 0) without an IMU
-    gyro: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    # (N, c) of the sensors beside encoders and odometry, each in columns of its own: of a gyro, (3,) rad, the integral
+    # of its angular velocity since it began, in base axes, or, if joints move its link, in those of that link; NaN
+    # where unknown, (N, 0) without any
+    further: Array = field(default_factory=lambda: np.zeros((0, 0)))
     # (N,) s, between the poses, or between the samples if these are further apart; 0 where unknown
     apart: Array = field(default_factory=lambda: np.zeros(0))
     # (N, 3) estimated standard deviations of joint positions and velocities, and correlation time of the poses' errors
@@ -152,7 +153,7 @@ class Samples(ArrayRecord):
             object.__setattr__(self, 'impulse', np.zeros((len(self.time), 6)))
         if len(self.apart) != len(self.time):
             object.__setattr__(self, 'apart', np.zeros(len(self.time)))
-        for name in ('stored', 'tide', 'thrust', 'gyro', 'noise'):
+        for name in ('stored', 'tide', 'thrust', 'further', 'noise'):
             if len(getattr(self, name)) != len(self.time):
                 object.__setattr__(self, name, np.zeros((len(self.time), 0)))
         if self.joint_rate_gain.shape != self.joint_velocity.shape:

@@ -15,9 +15,10 @@ from typing import Protocol
 import numpy as np
 from scipy.linalg import block_diag
 
-from mbaid_ros.core.contracts import NominalModel, PlacedFrame, Unknown, uncertain
+from mbaid_ros.core.contracts import NominalModel, PlacedFrame, Sensor, Unknown, uncertain
 from mbaid_ros.core.geometry import Array, Flags, Integers
-from mbaid_ros.core.robot.model import Link, PlaneDetector
+from mbaid_ros.core.results.verdict import BASE_SENSORS
+from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import MomentumKernel, body_sizes, unknown_scale
 from mbaid_ros.errors import DataError
 
@@ -142,7 +143,7 @@ class Declared:
     joint_prior: UnknownsPrior | None = None  # of all independent numbers together, after a calibration
     total_mass: WeighedMass | None = None  # where the whole robot was weighed
     marker: PlacedFrame | None = None  # that the odometry locates; None for the base link or another link
-    imu: Link | None = None  # the link that an IMU is on, where joints move it
+    sensors: tuple[Sensor, ...] = ()  # of the base's motion beside encoders and odometry
 
     def with_links(self, links: Unknown) -> Declared:
         """Return the same with these errors of known links."""
@@ -178,7 +179,7 @@ class Layout:
     known: UnknownsPrior  # their prior
     # (3, 6) the equations that hold for a planar motion, as `PlaneDetector.equation_selection`; None in space
     plane: Array | None = None
-    imu: Link | None = None  # the link that an IMU is on, where joints move it
+    sensors: tuple[Sensor, ...] = ()  # of the base's motion beside encoders and odometry
 
     @staticmethod
     def from_unknowns(
@@ -339,7 +340,7 @@ def layout_of(kernel: MomentumKernel, declared: Declared, detector: PlaneDetecto
         known = known and known.of([in_plane_map(*pair) for pair in zip(unknowns, seen, strict=True)])
         unknowns = seen
     layout = Layout.from_unknowns(kernel, unknowns, known, detector.equation_selection() if detector.planar else None)
-    return replace(layout, imu=declared.imu)
+    return replace(layout, sensors=declared.sensors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -368,6 +369,7 @@ class Variables:
     previous_information: Array | None = None
     previous_bias: Array | None = None  # (b, b + 1) bias information of the run before; None without one
     mass_row: Array | None = None  # (v + 1,) the row of the robot's mass, where it was weighed, of unit variance
+    sensors: tuple[Sensor, ...] = ()  # of the base's motion beside encoders and odometry
 
     @property
     def has_body_prior(self) -> bool:
@@ -378,6 +380,25 @@ class Variables:
     def poses(self) -> int:
         """Number p of variables of the pose error."""
         return len(self.measured)
+
+    @cached_property
+    def of_twist(self) -> Array:
+        """What all r numbers of the twist and of further sensors are of the base's twist (w, v), (r, 6)."""
+        return np.concatenate([np.eye(6), *(sensor.of_twist for sensor in self.sensors)])
+
+    @cached_property
+    def rate_combinations(self) -> tuple[Array, ...]:
+        """Combinations (k, r) of what the twist and each further sensor measures that hold in the plane."""
+        seen = [self.measured @ sensor.of_twist.T for sensor in self.sensors]
+        return (self.measured, *(each[each.any(axis=1)] for each in seen))
+
+    @cached_property
+    def sources(self) -> tuple[str, ...]:
+        """The sensor of each number that a window may measure: the pose's, the twist's, then those of the others."""
+        angular = int(self.measured[:, :3].any(axis=1).sum())
+        counts = [angular, self.poses - angular] * 2 + [len(each) for each in self.rate_combinations[1:]]
+        names = (*BASE_SENSORS, *(sensor.name for sensor in self.sensors))
+        return tuple(name for name, count in zip(names, counts, strict=True) for _ in range(count))
 
     @cached_property
     def head(self) -> int:
@@ -565,6 +586,7 @@ def variables(layout: Layout, detector: PlaneDetector, declared: Declared) -> Va
         time_constants=times,
         gap_change=_drawn_anew(numbers_of(unknowns, [each.redrawn_after_gap for each in unknowns])),
         mass_row=None if declared.total_mass is None else _mass_row(layout, declared.total_mass, basis * scale),
+        sensors=layout.sensors,
     )
 
 

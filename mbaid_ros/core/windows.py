@@ -46,7 +46,7 @@ class Knots(ArrayRecord):
     # tide, thrust: (J, 60 b), (J, 30 f) as in Samples, L about the run's origin
     tide: Array
     thrust: Array
-    gyro: Array  # (J, 3) rad, as in Samples; NaN where a sample has none, none at all where there is no IMU
+    further: Array  # (J, c) as in Samples; NaN where a sample has none
     # (J, 36) where the gyro alone measures the orientation: its error since the run began, odometry axes, by each error
     # of the gyro (3 x 12, rows first): bias, scale, turn, cross-axis; none where it is measured
     course: Array
@@ -107,7 +107,7 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
         stored=mean(joined('stored')),
         tide=mean(_columns_about(joined('tide'), origin, 10)),
         thrust=mean(_columns_about(joined('thrust'), origin, THRUSTER_ERRORS)),
-        gyro=mean(joined('gyro')),
+        further=mean(joined('further')),
         course=np.zeros((len(sizes), 0)),
     )
 
@@ -159,30 +159,14 @@ class Midpoints(ArrayRecord):
     stored: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (J - 1, ...) as of the knots, midway
     tide: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (J - 1, ...) as of the knots, midway
     thrust: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (J - 1, ...) as of the knots, midway
-    # (J - 1, 3) rad/s, measured angular velocity in the IMU's axes; NaN where unknown, none without an IMU
-    gyro: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    # (J - 1, 3, 3) these to odometry axes; none where the IMU is on the base
-    gyro_axes: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    # (J - 1, 3, n) derivative of its angular velocity against the base by the joint rates, odometry axes
-    gyro_gain: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    # (J - 1, c) how fast the further sensors' numbers change: of a gyro rad/s, in its axes; NaN where unknown
+    further: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
         """Replace omitted arrays by arrays of no columns."""
-        for name in ('stored', 'tide', 'thrust', 'gyro', 'gyro_axes', 'gyro_gain'):
+        for name in ('stored', 'tide', 'thrust', 'further'):
             if getattr(self, name).shape[: self.turn.ndim - 1] != self.turn.shape[:-1]:
                 object.__setattr__(self, name, np.zeros((*self.turn.shape[:-1], 0)))
-
-    @property
-    def imu_axes(self) -> Array:
-        """The axes of the IMU to those of the odometry, (J - 1, 3, 3)."""
-        return self.gyro_axes if self.gyro_axes.shape[-1] else self.base_rotation
-
-    @property
-    def imu_rate(self) -> Array:
-        """The angular velocity of the IMU against the base, odometry axes, (J - 1, 3) rad/s."""
-        if not self.gyro_gain.shape[-1]:
-            return np.zeros_like(self.turn)
-        return np.asarray((self.gyro_gain @ self.joint_velocity[..., None])[..., 0])
 
     @property
     def flat(self) -> Midpoints:
@@ -200,7 +184,7 @@ def midpoints(knots: Knots, spacing: float) -> Midpoints:
     the corrections follow the line through the two nearest.
     """
     joints = knots.joint_position.shape[-1]
-    parts = (knots.joint_position, knots.base_position, knots.base_twist, knots.stored, knots.gyro)
+    parts = (knots.joint_position, knots.base_position, knots.base_twist, knots.stored, knots.further)
     moving = _centre(np.concatenate(parts, axis=-1), knots)
     midway = _midway(moving)
     rotation = _centre_rotation(knots)
@@ -224,7 +208,7 @@ def midpoints(knots: Knots, spacing: float) -> Midpoints:
         stored=midway[..., joints + 9 : end],
         tide=_mean(knots.tide, knots),
         thrust=_mean(knots.thrust, knots),
-        gyro=(turned - _second_difference(turned) / 24.0) / spacing,
+        further=(turned - _second_difference(turned) / 24.0) / spacing,
     )
 
 
@@ -308,11 +292,10 @@ class WindowNoise:
     joint_position: float | Array  # standard deviation of one sample, rad or m; (n,) where joints differ
     pose: Array  # (6, 6) mean covariance of one sample, (orientation, position), odometry axes
     twist: Array  # (6, 6) of one sample, (angular, linear), base axes
-    gyro: float = 0.0  # rad/s/sqrt(Hz), density of the gyro's noise; 0 where there is none
     correlation_time: float = 0.0  # s, of the errors of the poses; 0 for independent ones
 
 
-def window_noises(windows: Sequence[Samples], noise: SensorNoise, gyro: float = 0.0) -> list[WindowNoise]:
+def window_noises(windows: Sequence[Samples], noise: SensorNoise) -> list[WindowNoise]:
     """Return the noise of windows' means."""
     poses, twists = (
         np.stack([np.add.reduce(each, axis=0) / len(each) for each in covariances])[
@@ -321,7 +304,7 @@ def window_noises(windows: Sequence[Samples], noise: SensorNoise, gyro: float = 
         for covariances in ([each.pose_covariance for each in windows], [each.twist_covariance for each in windows])
     )
     return [
-        WindowNoise(len(window), declared.joint_position, pose, twist, gyro, declared.base_correlation_time)
+        WindowNoise(len(window), declared.joint_position, pose, twist, declared.base_correlation_time)
         for window, pose, twist in zip(windows, poses, twists, strict=True)
         for declared in [noise.for_window(window)]
     ]
@@ -484,7 +467,6 @@ class KnotAveraging:
     ----------
     noise : of the joint sensors, and of the base where the samples carry none
     length : s, of a window
-    gyro : rad/s/sqrt(Hz), density of the noise of an IMU's angular velocity
     orientation_measured : whether anything but the gyro measures the orientation of the base
     fastest : Hz, highest natural frequency of passive joints; 0 without any
 
@@ -497,7 +479,6 @@ class KnotAveraging:
         self,
         noise: SensorNoise,
         length: float,
-        gyro: float = 0.0,
         *,
         orientation_measured: bool = True,
         fastest: float = 0.0,
@@ -506,7 +487,6 @@ class KnotAveraging:
         self._alike = fastest > 0.0  # a spring adds up errors that alternate with the number of samples in a knot
         self._orientation_measured = orientation_measured
         self._course: Array = np.zeros(36)
-        self._gyro = gyro
         self._noise = noise
         self._length = length
         self.origin: Array = np.zeros(3)
@@ -535,7 +515,7 @@ class KnotAveraging:
         extremes = [extreme.reduce(joint_position, axis=1) for extreme in (np.fmin, np.fmax)]
         empty = knots.empty.tolist()
         averaged = []
-        each = zip(numbers, window_noises(windows, self._noise, self._gyro), *extremes, strict=True)
+        each = zip(numbers, window_noises(windows, self._noise), *extremes, strict=True)
         for place, (number, noise, lowest, highest) in enumerate(each, start=len(knots) // count - len(windows)):
             ready, still_open = self._collect(knots, empty, place, number, noise)
             if self._linked and not self._moved:
@@ -615,7 +595,7 @@ def _with_course(knots: Knots, spacing: float, begin: Array) -> tuple[Knots, Arr
     knots, spacing : in a row, s
     begin : (36,) before the first of them
     """
-    rate = np.gradient(knots.gyro, spacing, axis=0)
+    rate = np.gradient(knots.further[:, :3], spacing, axis=0)
     errors = np.zeros((len(knots), 3, 12))
     errors[:, :, :3], errors[:, :, 6:9], errors[:, :, 9:] = np.eye(3), skew(rate), crossed(rate)
     errors[:, [0, 1, 2], [3, 4, 5]] = rate

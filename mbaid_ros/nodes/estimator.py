@@ -71,6 +71,10 @@ class EstimatorNode(Node):
         }
         self._thrust = Subscriptions(self, WrenchStamped, 'thrust', self._on_thrust)
         self._imu = self._inputs.get('imu') or Subscriptions(self, Imu, 'imu', partial(self._add, Session.add_imu))
+        self._gyros = [
+            Subscriptions(self, Imu, name, partial(self._add, partial(Session.add_imu, name=f'gyros.{name}')))
+            for name in self._config.gyros.names
+        ]
         self._stored_momentum = Subscriptions(
             self, Vector3Stamped, 'stored_momentum', partial(self._add, Session.add_stored_momentum)
         )
@@ -101,7 +105,7 @@ class EstimatorNode(Node):
         }
 
     def _all_subscriptions(self) -> set[Subscriptions]:
-        return {*self._inputs.values(), self._thrust, self._stored_momentum, self._imu}
+        return {*self._inputs.values(), self._thrust, self._stored_momentum, self._imu, *self._gyros}
 
     # Robot description
 

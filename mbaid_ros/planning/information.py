@@ -7,7 +7,7 @@ to the next window are those that the filter makes of a motion as it is predicte
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -161,7 +161,10 @@ class Information:
 
     def _linearised(self, windows: Sequence[Window]) -> list[WhitenedWindow]:
         """Return windows as the filter takes them; those of passive joints in the order of one motion."""
-        linearised = LinearisationCache(self._known.layout, self._known.variables)
+        # Only encoders and poses are planned with.
+        layout = replace(self._known.layout, sensors=())
+        variables = replace(self._known.variables, sensors=())
+        linearised = LinearisationCache(layout, variables)
         parts = in_stacks(windows, TOGETHER)
         return [white for part in parts for _, white in linearised.all_whitened(part, self._point)]
 
@@ -182,7 +185,7 @@ class Information:
             stored=stored,
             tide=np.zeros((count, 0)),
             thrust=np.zeros((count, 6 * THRUSTER_ERRORS * frames)),
-            gyro=np.zeros((count, 0)),
+            further=np.zeros((count, 0)),
             course=np.zeros((count, 0)),
         )
 

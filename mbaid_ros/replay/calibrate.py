@@ -111,7 +111,6 @@ def _settings(kernel: MomentumKernel, estimator: EstimatorConfig) -> Calibration
             total_mass=None if total is None else replace(total, with_target=True),
         ),
         window=estimator.window,
-        gyro=estimator.imu.noise_density,
         orientation_measured=not estimator.imu.alone or estimator.imu.orientation,
     )
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from math import inf
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mbaid_ros.errors import DataError, ParameterError
 
@@ -53,6 +55,7 @@ class Inputs:
     thrust: str = ''
     stored_momentum: str = ''
     imu: str = ''
+    gyros: tuple[str, ...] = ()  # names of further ones, on the topics of these names where a bag has them
     located: bool = True  # whether anything locates the base; else an IMU has to be there
     # start, end: s from a bag's first message, between which it is read
     start: float = 0.0
@@ -76,7 +79,8 @@ class Inputs:
         base = arguments.odom or arguments.pose or (TF if config.pose.tf_child_frame else '')
         others = arguments.thrust, arguments.stored_momentum, arguments.imu
         start, end = between(arguments)
-        return Inputs(arguments.joint_states, base, *others, located=not config.imu.alone, start=start, end=end)
+        located, gyros = not config.imu.alone, config.gyros.names
+        return Inputs(arguments.joint_states, base, *others, gyros=gyros, located=located, start=start, end=end)
 
     def resolved(self, bag: BagReader) -> Inputs:
         """Return the same with the topic of a bag that locates the base.
@@ -110,6 +114,7 @@ class Inputs:
             (self.thrust, THRUST, THRUST_TYPE),
             (self.stored_momentum, STORED_MOMENTUM, STORED_MOMENTUM_TYPE),
             (self.imu, IMU, IMU_TYPE),
+            *(('', f'/{name}', IMU_TYPE) for name in self.gyros),
         ):
             if wanted:
                 bag.require(wanted, kind)
@@ -119,18 +124,23 @@ class Inputs:
 
     def add_to(self, session: Session, messages: Batch) -> None:
         """Hand messages of the topics to a session, many at once where their order allows it."""
-        thrust, stored, imu = self.thrust or THRUST, self.stored_momentum or STORED_MOMENTUM, self.imu or IMU
-        add = {
+        thrust, stored = self.thrust or THRUST, self.stored_momentum or STORED_MOMENTUM
+        imus = {'imu': self.imu or IMU, **{f'gyros.{name}': f'/{name}' for name in self.gyros}}
+        add: dict[str, Callable[[Any], object]] = {
             self.joint_states: session.add_joint_state,
             self.odometry: session.add_odometry,
             stored: session.add_stored_momentum,
-            imu: session.add_imu,
+            **{topic: partial(session.add_imu, name=name) for name, topic in imus.items()},
         }
         for part in messages.runs(thrust):
             if thrust in part.messages:
                 for message in part.on_topic(thrust):
                     session.add_thrust(message)
-            elif session.add_at_once(*(part.on_topic(each) for each in (self.joint_states, self.odometry, imu))):
+            elif session.add_at_once(
+                part.on_topic(self.joint_states),
+                part.on_topic(self.odometry),
+                {name: part.on_topic(topic) for name, topic in imus.items()},
+            ):
                 for message in part.on_topic(stored):
                     session.add_stored_momentum(message)
             else:

@@ -6,6 +6,7 @@ is the state's, and of causes that explain a run equally well the first is named
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -20,7 +21,7 @@ from mbaid_ros.core.forces import (
     declared_thrusters,
     drifting_momentum,
 )
-from mbaid_ros.core.gyro import declared_gyro, imu_link
+from mbaid_ros.core.gyro import GyroSensor, declared_gyro, declared_gyros, gyro_sensors
 from mbaid_ros.core.joints.faults import joints_in_degrees, reversed_joints, swapped_joints
 from mbaid_ros.core.joints.model import declared_placements, declared_tracking, geared_joints
 from mbaid_ros.core.links import known_bodies, mistaken_masses
@@ -40,14 +41,14 @@ from mbaid_ros.core.odometry.model import (
 )
 from mbaid_ros.core.orbit import declared_gravity, declared_orbit_shape
 from mbaid_ros.core.passive.joints import declared_springs
-from mbaid_ros.core.robot.model import Link, RobotModel
+from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.state import Declared
 from mbaid_ros.core.target import declared_linear_momentum, declared_target, other_targets
 from mbaid_ros.core.wheels import declared_wheels
 
 
-def unknowns(config: EstimatorConfig, kernel: MomentumKernel, imu: Link | None) -> tuple[Unknown, ...]:
+def unknowns(config: EstimatorConfig, kernel: MomentumKernel, sensors: Sequence[GyroSensor]) -> tuple[Unknown, ...]:
     """Return all unknowns of the nominal model but the exact ones; those that are only read come last.
 
     Raises ModelError, ParameterError: The parameters name what the robot has not, or contradict each other.
@@ -55,9 +56,10 @@ def unknowns(config: EstimatorConfig, kernel: MomentumKernel, imu: Link | None) 
     Parameters
     ----------
     kernel : of the robot, with the errors of its known bodies
-    imu : the link that an IMU is on, where joints move it
+    sensors : the gyros in use
     """
     model, located = kernel.model, not config.imu.alone
+    gyros = declared_gyros(config.imu, config.gyros)
     return uncertain(
         known_bodies(model, kernel.errors),
         declared_placements(config.known_joints, kernel),
@@ -66,7 +68,7 @@ def unknowns(config: EstimatorConfig, kernel: MomentumKernel, imu: Link | None) 
         declared_tracking(config.known_joints, model),
         *declared_springs(config.flexible, kernel),
         declared_mount(config.odometry_mount, located=located),
-        declared_gyro(config.imu, imu),
+        *(declared_gyro(gyros[sensor.name], sensor) for sensor in sensors),
         declared_offset(config.time_offset),
         declared_drift(config.time_offset),
         declared_scale(config.odometry, located=located),
@@ -78,20 +80,27 @@ def unknowns(config: EstimatorConfig, kernel: MomentumKernel, imu: Link | None) 
     )
 
 
+def sensors(config: EstimatorConfig, model: RobotModel) -> tuple[GyroSensor, ...]:
+    """Return what measures the base's motion beside encoders and odometry.
+
+    Raises ParameterError: As of `gyro_sensors` and `declared_gyros`.
+    """
+    gyros = declared_gyros(config.imu, config.gyros)
+    return gyro_sensors(gyros, model, config.target_link, config.frame_prefix)
+
+
 def declaration(config: EstimatorConfig, kernel: MomentumKernel) -> Declared:
     """Return the unknowns of a kernel's robot, and the priors of all else.
 
     Raises ModelError, ParameterError: As of `unknowns`; or half of a prior is missing.
     """
-    imu = None
-    if config.imu.noise_density > 0.0:
-        imu = imu_link(config.imu, kernel.model, config.target_link, config.frame_prefix)
+    found = sensors(config, kernel.model)
     return Declared(
-        unknowns(config, kernel, imu),
+        unknowns(config, kernel, found),
         target=declared_target(config.target_prior),
         linear_momentum=declared_linear_momentum(config.momentum, located=not config.imu.alone),
         marker=marker_frame(config.marker),
-        imu=imu,
+        sensors=found,
     )
 
 

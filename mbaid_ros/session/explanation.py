@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from mbaid_ros.core.forces import FAR_THRUST, UNKNOWN_FRAME
-from mbaid_ros.core.gyro import IMU_FRAME
+from mbaid_ros.core.gyro import IMU, IMU_FRAME, topic_of
 from mbaid_ros.core.joints.stream import PARTNER_GAP
 from mbaid_ros.core.outliers import JOINT_OUTLIER, JOINTS_HELD, OUTLIER, REPEATED_POSE
 from mbaid_ros.core.pipeline import NO_ODOMETRY, ODOMETRY_GAP, RATE_MISSING
@@ -21,7 +21,7 @@ from mbaid_ros.core.samples import (
 from mbaid_ros.core.streams import LATE, OTHER_CLOCK, ZERO_STAMP
 from mbaid_ros.core.wheels import OTHER_MOMENTUM_FRAME
 from mbaid_ros.errors import listing
-from mbaid_ros.session.session import IMU, JOINTS, ODOMETRY, OTHER_SOURCE, REORDER_TIME, SPOKEN, Session
+from mbaid_ros.session.session import JOINTS, ODOMETRY, OTHER_SOURCE, REORDER_TIME, SPOKEN, Session
 
 
 def complaints(session: Session, *, stuck: bool = True) -> list[str]:
@@ -94,14 +94,17 @@ def obstacles(session: Session, *, stuck: bool = True) -> list[str]:
     Stamps that are apart count if no sample has been used lately (`stuck`): in a busy node that reads one topic first
     they are, too.
     """
-    received, intake, newest = session.received, session.intake, session.queue.newest
+    received, intake = session.received, session.intake
     found = [f'{JOINT_MISSING}: {_lacking(session)}'] if _never_held(session) else []
     for topic, reader in ((JOINTS, intake.joint_reader), (ODOMETRY, intake.odometry_reader)):
         for field, count in reader.not_finite.items():
             if 2 * count > received[topic]:
                 found.append(f'{field} is NaN or infinite in {count} of {received[topic]} messages: look at its driver')
-    if IMU in newest and received[JOINTS] and not received[IMU]:
-        found.append('imu.noise_density is set, and nothing comes on imu')
+    found += [
+        f'{name}.noise_density is set, and nothing comes on {topic_of(name)}'
+        for name in intake.imu_readers
+        if received[JOINTS] and not received[name]
+    ]
     if session.config.imu.orientation and received[IMU] and not intake.orientation_measured:
         found.append(
             'imu.orientation is true, and no message on imu has one; accepted: a unit quaternion and a covariance '
@@ -184,8 +187,10 @@ def _links_on_base(session: Session) -> list[str]:
 
 
 def _imu_frame(session: Session) -> str:
-    given, links = session.intake.imu_reader.other_frame[:60], _links_on_base(session)
-    return f"it is '{given}'; accepted: {listing(links)}; or name it by imu.frame, also one that joints move"
+    found = {name: reader.other_frame[:60] for name, reader in session.intake.imu_readers.items()}
+    name = next((name for name, frame in found.items() if frame), IMU)
+    accepted = listing(_links_on_base(session))
+    return f"it is '{found.get(name, '')}'; accepted: {accepted}; or name it by {name}.frame, also one that joints move"
 
 
 def _other_source(session: Session) -> str:

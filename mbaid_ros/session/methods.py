@@ -96,7 +96,6 @@ def _trajectory(
         ),
         suspects=suspects(known.kernel.model),
         conventions=conventions(known.declared.marker),
-        gyro=config.imu.noise_density,
         located=not config.imu.alone,
         orientation_measured=not config.imu.alone or config.imu.orientation,
         before=before,

@@ -15,7 +15,7 @@ from mbaid_ros.core.contracts import Check
 from mbaid_ros.core.filter.posterior import Continuation, Posterior
 from mbaid_ros.core.forces import EXACT_THRUST, LATE_THRUST, SHARED_THRUST, Thrust, uncertain_thrusters, wrench_of
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.gyro import DeadReckoning, ImuReader, gyro_check, imu_reader, make_gyro
+from mbaid_ros.core.gyro import IMU, DeadReckoning, RateIntegrator, declared_gyros, gyro_check, imu_reader, topic_of
 from mbaid_ros.core.joints.faults import JointRates
 from mbaid_ros.core.joints.stream import JointMerge, JointReader
 from mbaid_ros.core.noise import NoiseEstimator
@@ -32,13 +32,14 @@ from mbaid_ros.core.streams import OTHER_CLOCK, Gate, Reorder
 from mbaid_ros.core.wheels import StoredMomentum, vector_of
 from mbaid_ros.errors import DataError, ParameterError
 from mbaid_ros.estimate_messages import Frames
+from mbaid_ros.session.catalogue import sensors
 from mbaid_ros.session.continuation import read_continuation
 from mbaid_ros.session.methods import make_capture, make_estimator
 from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
 from mbaid_ros.session.repairing import Given, Recording, RepairPolicy, conversions, refuse_repair, repaired
 from mbaid_ros.session.robot import EXACT_ROBOT, Robot, declared_exact
 
-JOINTS, ODOMETRY, IMU = 'joint_states', 'odom', 'imu'
+JOINTS, ODOMETRY = 'joint_states', 'odom'
 SPOKEN = {JOINTS: 'the joint states', ODOMETRY: 'the poses of the base', IMU: 'the IMU'}  # whatever their topics are
 TIME_JUMP = 1.0  # s between consecutive stamps of a topic: no sensor pauses and resumes in its own past
 REORDER_TIME = 0.05  # s, that messages wait for late ones at most: longer waits would delay every estimate
@@ -132,7 +133,7 @@ class MessageQueue:
         if gate.epoch <= self._epoch:
             return ''
         self._epoch = gate.epoch
-        back = f'the stamps of {SPOKEN[name]} jumped back by {amount * 1e-9:.6g} s'
+        back = f'the stamps of {SPOKEN.get(name, topic_of(name))} jumped back by {amount * 1e-9:.6g} s'
         return f'{back} (a bag or simulation started again, a clock set)'
 
 
@@ -191,11 +192,12 @@ class Intake:
 
     Readings are converted in order by `conversions`, of which times count from `origin` (ns).
 
-    Raises ParameterError: The IMU cannot be on the frame that the parameters name.
+    Raises ParameterError: A gyro cannot be on the frame that the parameters name.
 
     Attributes
     ----------
-    joint_reader, odometry_reader, imu_reader, stored_momentum : of messages
+    joint_reader, odometry_reader, stored_momentum : of messages
+    imu_readers : of the messages of gyros, by name
     merge : of joints from several publishers
     faults : plain in the joint readings or the robot description
     alone, orientation_measured : whether an IMU alone measures the base's motion, and has measured an orientation
@@ -209,9 +211,11 @@ class Intake:
         self.joint_reader = JointReader(robot.model.independent_joints, config.wheels.names, config.flexible.joints)
         prefix, declared = config.frame_prefix, config.noise.declared
         self.odometry_reader = odometry_reader(robot.model, prefix, robot.marker, config.twist_frame, declared)
-        self.imu_reader: ImuReader = imu_reader(
-            config.imu, robot.model, config.target_link, prefix, declared.base_orientation
-        )
+        gyros = declared_gyros(config.imu, config.gyros)
+        self.imu_readers = {
+            sensor.name: imu_reader(gyros[sensor.name], sensor, robot.model, prefix, declared.base_orientation)
+            for sensor in sensors(config, robot.model)
+        }
         self.stored_momentum = StoredMomentum(robot.model, config.wheels.momentum_frame)
         self.alone = config.imu.alone
         limit, beside = round(REORDER_TIME * 1e9), robot.kernel.storage.count
@@ -224,9 +228,9 @@ class Intake:
         # Of joints by the kind of message.
         self._joint_copies: dict[tuple[int, ...], Copies[JointStream]] = {}
         self._pose_copies: Copies[BaseStream] = Copies(_poses, round(TIME_JUMP * 1e9))
-        self._imu_copies: Copies[ImuStream] = Copies(_rates, round(TIME_JUMP * 1e9))
         self._reorder = Reorder[BaseStream](limit)
-        self._reorder_imu = Reorder[ImuStream](limit)
+        self._reorder_imus = {name: Reorder[ImuStream](limit) for name in self.imu_readers}
+        self._imu_copies = {name: Copies[ImuStream](_rates, round(TIME_JUMP * 1e9)) for name in self.imu_readers}
         self._reckoning = DeadReckoning()
         self._with_orientation = config.imu.orientation
         self.orientation_measured = False
@@ -235,18 +239,16 @@ class Intake:
     @property
     def dropped(self) -> Counter[str]:
         """Unused messages, by cause."""
-        parts = (self.merge, self._reorder, self._reorder_imu, self.stored_momentum)
-        copies = (
-            self._pose_copies.dropped,
-            self._imu_copies.dropped,
-            *(x.dropped for x in self._joint_copies.values()),
-        )
-        return sum((*copies, *(part.dropped for part in parts)), Counter(self._refused))
+        streams = [part.dropped for part in (self.merge, self._reorder, *self._reorder_imus.values())]
+        copies = [
+            each.dropped for each in (self._pose_copies, *self._imu_copies.values(), *self._joint_copies.values())
+        ]
+        return sum((*streams, *copies, self.stored_momentum.dropped), Counter(self._refused))
 
     def streams(
         self, messages: Mapping[str, Sequence[Any]]
-    ) -> tuple[JointStream | None, BaseStream | None, ImuStream | None]:
-        """Return the measurements of all joints, base and gyro in messages, by topic, as far as their order is sure."""
+    ) -> tuple[JointStream | None, BaseStream | None, dict[str, ImuStream | None]]:
+        """Return the measurements of joints, base and gyros in messages, by topic, as far as their order is sure."""
         joints, dropped_joints = self.joint_reader.read(messages[JOINTS])
         base, dropped_base = self.odometry_reader.read(messages[ODOMETRY])
         self._refused += dropped_joints + dropped_base
@@ -255,18 +257,18 @@ class Intake:
             joints = conversion.joints(joints, self._robot.readings, self._origin)
             base = conversion.base(base)
         self.faults.add(joints, base)
-        imu = None
-        if IMU in messages:
-            measured, dropped = self.imu_reader.read(messages[IMU])
+        imus = {}
+        for name, reader in self.imu_readers.items():
+            measured, dropped = reader.read(messages[name])
             self._refused += dropped
-            imu = self._reorder_imu.push(self._imu_copies.push(measured))
+            imus[name] = self._reorder_imus[name].push(self._imu_copies[name].push(measured))
         if not self.alone:
             located = self._reorder.push(base)
         elif self._with_orientation:
-            located = measured_orientation(imu)
+            located = measured_orientation(imus[IMU])
             self.orientation_measured |= located is not None
         else:
-            located = self._reckoning.push(imu)
+            located = self._reckoning.push(imus[IMU])
         stored = self.stored_momentum.stream()
         if stored is not None:
             every = range(len(self._robot.readings))
@@ -274,12 +276,12 @@ class Intake:
         merged = self.merge.push(joints)
         if merged is not None:
             merged = merged.without_stored_momentum(len(self._robot.model.independent_joints))
-        return self._all_joints(merged), located, imu
+        return self._all_joints(merged), located, imus
 
     def completes(self, end: int, name: str, newest: Mapping[str, int | None]) -> bool:
         """Return whether no message still to come belongs to a window.
 
-        The first joints after its `end` (ns) complete it, with odometry (and IMU) no earlier than these. `name` is the
+        The first joints after its `end` (ns) complete it, with odometry and gyros no earlier than these. `name` is the
         topic of the latest message, `newest` the latest stamp (ns) of each topic; None before the first.
         """
         joints, base = newest[JOINTS], newest[IMU if self.alone else ODOMETRY]
@@ -287,11 +289,11 @@ class Intake:
             return False
         joints -= self.merge.hold
         wanted = joints if name == JOINTS else end
-        if IMU in newest and not self.alone:
-            imu = newest[IMU]
-            if imu is None or imu - self._reorder_imu.hold < wanted:
+        for gyro, reorder in self._reorder_imus.items():
+            imu = newest[gyro]
+            if imu is None or imu - reorder.hold < wanted:
                 return False
-        hold = (self._reorder_imu if self.alone else self._reorder).hold
+        hold = 0 if self.alone else self._reorder.hold
         return joints >= end and base - hold >= wanted
 
     def _without_copies(self, joints: Mapping[tuple[int, ...], JointStream]) -> dict[tuple[int, ...], JointStream]:
@@ -357,10 +359,11 @@ class Segment:
         robot.begin(self._capture)
         self.thrust = Thrust(model, uncertain_thrusters(config.thrust, model))
         noise = config.noise
-        gyro = make_gyro(config.imu, model, config.target_link, config.frame_prefix, config.maximum_gap)
+        ranges = {name: gyro.range for name, gyro in declared_gyros(config.imu, config.gyros).items()}
+        gap, gyros = round(config.maximum_gap * 1e9), sensors(config, model)
         checks: list[Check] = [twist_check(), HeldBase(described)]
-        if gyro is not None and gyro.on_base and config.method == 'trajectory':
-            checks.append(gyro_check())
+        if config.method == 'trajectory':
+            checks += [gyro_check(each.name, each.columns) for each in gyros if each.link is None]
         falling = falling_frame(config.orbit, model, located=not config.imu.alone)
         self.identifier = Identifier(
             self._capture or method(),
@@ -377,7 +380,7 @@ class Segment:
                 passive=described.springs.joints,
             ),
             view=None if falling is None else falling.to_falling_frame,
-            gyro=gyro,
+            gyros={each.name: RateIntegrator(gap, ranges[each.name], on_base=each.link is None) for each in gyros},
         )
 
     @property
@@ -491,8 +494,8 @@ class Session:
 
     def reset(self) -> None:
         """Forget everything and start again."""
-        self._gyro = self.config.imu.noise_density > 0.0
-        self.queue = MessageQueue((JOINTS, ODOMETRY, IMU) if self._gyro else (JOINTS, ODOMETRY))
+        self._gyros = tuple(declared_gyros(self.config.imu, self.config.gyros))
+        self.queue = MessageQueue((JOINTS, ODOMETRY, *self._gyros))
         self.received: Counter[str] = Counter()
         robot = self.robot
         # Of poses without a name: that of the marker, a frame that is no link's.
@@ -537,23 +540,24 @@ class Session:
         due = [self._add(ODOMETRY, each) for each in self.base_source.accepted([message])]
         return any(due)
 
-    def add_imu(self, message: Any) -> bool:
-        """Add an Imu, unread; return whether it is time for `process`."""
-        if not self._gyro:
+    def add_imu(self, message: Any, name: str = IMU) -> bool:
+        """Add an Imu, unread, of a gyro by the name of its parameters; return whether it is time for `process`."""
+        if name not in self._gyros:
             self._earlier[IMU_NOT_ASKED_FOR] += 1
             return False
-        return self._add(IMU, message)
+        return self._add(name, message)
 
-    def add_at_once(self, joint_states: Sequence[Any], odometry: Sequence[Any], imu: Sequence[Any] = ()) -> bool:
-        """Add messages of these topics, each in order, if all are regular; else return False: add them one by one."""
+    def add_at_once(
+        self, joint_states: Sequence[Any], odometry: Sequence[Any], imus: Mapping[str, Sequence[Any]]
+    ) -> bool:
+        """Add messages, of gyros by name, each in order, if all are regular; else return False: add them one by one."""
         if not self.base_source.accepts(odometry):
             return False
         messages = {JOINTS: joint_states, ODOMETRY: self.base_source.accepted(odometry)}
-        if self._gyro:
-            messages[IMU] = imu
-        added = self.queue.add_regular(messages)
-        if added and not self._gyro and imu:
-            self._earlier[IMU_NOT_ASKED_FOR] += len(imu)
+        added = self.queue.add_regular(messages | {name: imus[name] for name in self._gyros})
+        unused = sum(len(each) for name, each in imus.items() if name not in self._gyros)
+        if added and unused:
+            self._earlier[IMU_NOT_ASKED_FOR] += unused
         return added
 
     def add_thrust(self, message: Any) -> None:

@@ -239,7 +239,7 @@ def test_where_a_torque_varies_the_misfit_is_least_at_the_solution() -> None:
         replace(each, impulse=each.impulse + np.column_stack((np.zeros((len(part), 3)), part)))
         for each, part in zip(run, parts, strict=True)
     ]
-    motion = Motion.from_windows(run, robot_kernel, detector, declared, (HIGH, 0.5, 0.0, True))
+    motion = Motion.from_windows(run, robot_kernel, detector, declared, (HIGH, 0.5, True))
     solution = converge([motion], prior)
     assert motion.has_disturbance
     assert solution.converged

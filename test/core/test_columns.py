@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from checked import central_difference, some
-from mbaid_ros.core.contracts import Reading, Unknown
+from mbaid_ros.core.contracts import Motion, Unknown
 from mbaid_ros.core.geometry import Array, exp, log, rotate
 from mbaid_ros.core.joints.model import JointPlacements, joint_placements
 from mbaid_ros.core.links import independent_errors, known_bodies
@@ -252,9 +252,11 @@ def test_what_is_read_turns_back(frame: str, number: int, *, relative: bool) -> 
     rotation, place = poses(0)
     still = np.zeros((len(TIME), 6))
     read = taken(true, around, still, relative=relative)
-    nothing = np.zeros((len(TIME), 3, 3))
-    motion = Reading(still, still, rotation, nothing, nothing, TIME, place, rotation, ORIGIN)
-    pose, twist = (each @ numbers for each in shape(around, relative=relative).reading(motion))
+    motion = Motion(TIME, ORIGIN, place, rotation, still, still, still)
+    unknown = shape(around, relative=relative)
+    pose = some(unknown.measured('pose', motion)) @ numbers
+    faster = unknown.measured('twist', motion)
+    twist = np.zeros_like(pose) if faster is None else faster @ numbers
     assert log(read.rotation @ np.swapaxes(rotation, 1, 2)) == pytest.approx(pose[:, :3], rel=1e-2, abs=1e-9)
     assert read.position - ORIGIN - place == pytest.approx(pose[:, 3:], rel=1e-2, abs=1e-7)
     assert read.angular_velocity == pytest.approx(twist[:, :3], rel=1e-2, abs=1e-10)

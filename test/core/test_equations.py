@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from checked import assert_derivative, generic
-from mbaid_ros.core.contracts import Linear, Reading
+from checked import assert_derivative, generic, some
+from mbaid_ros.core.contracts import Linear, Motion
 from mbaid_ros.core.geometry import Array, cross, exp, rotate
 from mbaid_ros.core.odometry.model import OdometryMount, odometry_mount, odometry_scale, twist_bias, vibration
 from mbaid_ros.core.robot.momentum import MomentumKernel
@@ -76,17 +76,18 @@ def test_a_wrong_twist_makes_a_wrong_momentum(
     assert_derivative(unknown.equation_columns(here.kernel, here.states)[0], equations, np.zeros(count))
 
 
-def at(time: Array) -> Reading:
+def at(time: Array) -> Motion:
     """Return a motion at some times: vibrations depend on these alone."""
     count = len(time)
-    nothing, turns = np.zeros((count, 6)), np.zeros((count, 3, 3))
-    return Reading(nothing, nothing, turns, turns, turns, time, np.zeros((count, 3)), turns)
+    nothing, place = np.zeros((count, 6)), np.zeros((count, 3))
+    return Motion(time, np.zeros(3), place, np.zeros((count, 3, 3)), nothing, nothing, nothing)
 
 
 def test_a_vibration_reads_as_velocity_what_its_pose_changes_by() -> None:
     unknown, time = vibration(0.3), 41.7
 
     def pose(later: Array) -> Array:
-        return unknown.reading(at(time + later))[0][0]
+        return some(unknown.measured('pose', at(time + later)))[0]
 
-    assert_derivative(unknown.reading(at(np.array([time])))[1][0][..., None], pose, np.zeros(1), step=1e-4)
+    rates = some(unknown.measured('twist', at(np.array([time]))))
+    assert_derivative(rates[0][..., None], pose, np.zeros(1), step=1e-4)

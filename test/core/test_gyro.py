@@ -85,7 +85,7 @@ def window(rng: np.random.Generator, start: float, matrix: Array) -> Samples:
     none = np.zeros((5, 3))
     covariance = np.tile(1e-8 * np.eye(6), (5, 1, 1))
     gyro = time[:, None] * (matrix @ rate + np.array([0.01, -0.02, 0.03]))
-    return Samples(time, none, none, none, rotation, none, none, covariance, covariance, gyro=gyro)
+    return Samples(time, none, none, none, rotation, none, none, covariance, covariance, further=gyro)
 
 
 @pytest.mark.parametrize(

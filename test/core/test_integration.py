@@ -12,7 +12,7 @@ import pytest
 from checked import assert_derivative, generic, some
 from mbaid_ros.core.forces import Thrust
 from mbaid_ros.core.geometry import Array, exp, log, rotate
-from mbaid_ros.core.gyro import DeadReckoning, RateIntegrator
+from mbaid_ros.core.gyro import IMU, DeadReckoning, RateIntegrator
 from mbaid_ros.core.noise import NoiseEstimator
 from mbaid_ros.core.odometry.stream import measured_orientation
 from mbaid_ros.core.pipeline import Synchroniser
@@ -47,7 +47,7 @@ def between_poses(bias: Array) -> tuple[Array, Array]:
     imu = ImuStream(stamps(often), rate + bias)
     way = np.linspace(0.0, 1.0, len(joints))[:, None]
     read = JointStream(stamps(joints), way, np.ones_like(way))
-    found = some(Synchroniser(1.0, gyro=RateIntegrator(100_000_000)).push(read, base, imu))
+    found = some(Synchroniser(1.0, gyros={IMU: RateIntegrator(100_000_000)}).push(read, base, {IMU: imu}))
     return found.base_rotation, exp(angle(found.time + joints[0]))
 
 

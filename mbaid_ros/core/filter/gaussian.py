@@ -155,7 +155,10 @@ class SquareRootInformation:
         acting, count = tuple(axes for axes in forces if axes != 'none'), variables.force.shape[1]
         right = np.zeros((len(value), 2 + len(acting) * count), order='F')
         right[:, 1] = value
-        shared, nothing = ConditionalRoot(np.asfortranarray(triangle), right, acting), Innovations.none(variables.poses)
+        shared, nothing = (
+            ConditionalRoot(np.asfortranarray(triangle), right, acting),
+            Innovations.none(variables.sources),
+        )
         own = [np.eye(size, size + 2) for size in np.where(np.array(forces) == 'none', 0, count)]
         return [
             SquareRootInformation(shared, axes, force, nothing, variables.bias, log_likelihood=likelihood)

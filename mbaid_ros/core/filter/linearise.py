@@ -10,27 +10,28 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
-from mbaid_ros.core.contracts import Axes, Reading, Stack, stacked
+from mbaid_ros.core.contracts import Axes, Course, Motion, Sensor, Stack, stacked
 from mbaid_ros.core.geometry import Array, Integers, composed, cross, exp, skew
-from mbaid_ros.core.gyro import gyro_covariance, turning_imu
 from mbaid_ros.core.joints.model import JointNoise, by_deflections, errors_in_variables_bias, joint_noise
 from mbaid_ros.core.odometry.model import (
     IntegratedTwist,
     Measurement,
+    Twist,
     TwistLink,
     at_knots,
     integral_weights,
     integrated_twist,
     integrated_twist_rows,
     mean_over_knots,
+    mean_twist,
     parabolic_weights,
     pose_measurement,
+    rate_measurement,
     state_rows,
     telescoped,
     total,
-    twist_covariance,
-    twist_measurement,
 )
 from mbaid_ros.core.passive.swing import (
     BESIDE,
@@ -42,7 +43,7 @@ from mbaid_ros.core.passive.swing import (
     passive_columns,
     spring_constants,
 )
-from mbaid_ros.core.robot.model import express
+from mbaid_ros.core.robot.model import Configuration, express
 from mbaid_ros.core.robot.momentum import (
     THRUSTER_ERRORS,
     BodyStates,
@@ -58,6 +59,7 @@ from mbaid_ros.core.state import BODY, MOMENTUM, POSE, Layout, Point, Variables
 from mbaid_ros.core.windows import ANGULAR_FIRST, Bodies, Midpoints, Prediction, Window, gradient
 
 _IDENTITY = np.eye(6)
+TWIST = Twist()
 _ACTING: tuple[Axes, ...] = ('inertial', 'inertial on the base', 'body')
 LINEARISED = 5  # work of linearising a window, in steps of the filter
 TOGETHER = 8  # windows linearised at once: singly a replay takes a sixth longer, by 32 no less
@@ -169,52 +171,38 @@ def _right_hand_sides(
     return right
 
 
-def readings(
-    layout: Layout,
-    stack: Stack,
-    predicted: Prediction,
-    motion: tuple[Midpoints, slice],
-    slope: Array,
-    weights: Array | None = None,
-) -> tuple[Array, Array]:
-    """Return the derivatives of mean poses (B, 6, r) and rates (B, 6 or 9, r) by the unknowns of the readings.
-
-    Weights (m,) of the twists are those of `twist_measurement`.
-    """
+def twist_motion(
+    stack: Stack, predicted: Prediction, motion: tuple[Midpoints, slice], slope: Array, weights: Array | None = None
+) -> Motion:
+    """Return the motion of a stack's windows as twists are read; weights (m,) as of `mean_twist`."""
     around, inside = motion
     weights = parabolic_weights(inside.stop - inside.start) if weights is None else weights
-    windows, weight = predicted.twist.shape[1], weights[:, None, None]
-    twist = at_knots(predicted.twist, inside)
-    change = stack.whitening
-    inner = predicted.twist[inside]
+    weight, change, inner = weights[:, None, None], stack.whitening, predicted.twist[inside]
     # A chain that is tau late has xi = -tau (w, v): F times that remains, and the joints' own delay.
     linear = slope[..., :3] - cross(inner[..., 3:], inner[..., :3])
     rotation, axes = at_knots(around.base_rotation, inside), around.base_rotation[inside]
-    reading = Reading(
-        twist=mean_over_knots(twist, change)[..., ANGULAR_FIRST],
-        slope=total(weight * np.concatenate((slope[..., 3:], linear), axis=-1)),
+    twist = mean_over_knots(at_knots(predicted.twist, inside), change)[..., ANGULAR_FIRST]
+    return Motion(
+        time=stack.middles,
+        origin=stack.windows[0].origin,
+        position=mean_over_knots(at_knots(around.base_position, inside), change),
         rotation=mean_over_knots(rotation, change[..., None]),
+        twist=twist,
+        slope=total(weight * np.concatenate((slope[..., 3:], linear), axis=-1)),
+        rate=twist,
+        axes=total(weight[..., None] * axes),
         turning=total(weight[..., None] * (skew(inner[..., 3:]) @ axes)),
         sliding=total(weight[..., None] * (skew(inner[..., :3]) @ axes)),
-        time=stack.middles,
-        position=mean_over_knots(at_knots(around.base_position, inside), change),
-        axes=total(weight[..., None] * axes),
-        origin=stack.windows[0].origin,
     )
-    gyro = around.gyro.shape[-1] > 0
-    if gyro:
-        reading = replace(reading, imu=turning_imu(motion, inner, reading, slope, stack.windows[0].spacing))
-    poses: list[Array] = [np.zeros((windows, 6, 0))]
-    rates: list[Array] = [np.zeros((windows, 9 if gyro else 6, 0))]
+
+
+def reading_columns(layout: Layout, sensor: str, motion: Motion) -> Array:
+    """Return the derivatives (B, r, e) of what a sensor reads by the independent numbers of the readings' unknowns."""
+    columns = [np.zeros((*motion.slope.shape, 0))]
     for unknown in layout.read:
-        nothing = np.zeros((windows, 6, len(unknown.factor)))
-        pose, turned = unknown.reading(reading) or (nothing, nothing)
-        if gyro:
-            of_gyro = unknown.gyro_reading(reading)
-            turned = np.concatenate((turned, nothing[:, :3] if of_gyro is None else of_gyro), axis=1)
-        poses.append(pose @ unknown.factor)
-        rates.append(turned @ unknown.factor)
-    return np.concatenate(poses, axis=-1), np.concatenate(rates, axis=-1)
+        more = unknown.measured(sensor, motion)
+        columns.append(np.zeros((*motion.slope.shape, unknown.count)) if more is None else more @ unknown.factor)
+    return np.concatenate(columns, axis=-1)
 
 
 @dataclass(frozen=True)
@@ -225,13 +213,13 @@ class WindowModel(ArrayRecord):
     """
 
     pose: Measurement  # (6,), mean over the knots
-    twist: Measurement  # (6,); with an IMU its angular velocity after it, (9,)
+    rates: Measurement  # (r,), of the twist, six, and of each further sensor
     # transition, drift: (6, s), (6,): pose error at the next window's first knot = transition x + drift
     transition: Array
     drift: Array
     noise: JointNoise  # of the joints; the part in the pose as it is measured
-    joints_of_gyro: Array  # (3, n) that a gyro on a link has beside it
-    joints_in_twist: Array  # () its variance in the twist over that in the pose
+    joints_in_rates: Array  # (r, n) as it is in what each sensor reads of one pose error
+    joints_in_twist: Array  # () its variance in the rates over that in the pose
     length: Array  # () s
     # rotation, position: (3, 3), (3,) m, of the base at the window's end
     rotation: Array
@@ -256,7 +244,7 @@ def window_models(
     course : of passive joints in the windows before; None where there are none of either
     """
     swinging = point.side.kernel.springs.count > 0
-    motions: Motions = [stack.motion(point.side, layout.imu, BESIDE if swinging else 1) for stack in stacks]
+    motions: Motions = [stack.motion(point.side, BESIDE if swinging else 1) for stack in stacks]
     swing: Array | None = None
     if swinging:
         course = course or SwingCourse(layout, predict)
@@ -275,9 +263,10 @@ def window_models(
         around, inside = motion
         rows, windows = around.turn.shape[:2]
         last = begin + (inside.stop - 1) * windows + np.arange(windows)
+        placed = bodies.states.configuration[begin : begin + rows * windows]
         begin += rows * windows
         impulses = _momentum_change(layout, stack, bodies[last], around.base_position[inside.stop - 1])
-        models.append(_models(layout, stack, motion, prediction, point, (noise, impulses)))
+        models.append(_models(layout, stack, (*motion, placed), prediction, point, (noise, impulses)))
     if len(stacks) == 1:
         return models[0]
     return WindowModel.concatenate(models)[np.argsort(np.concatenate([stack.places for stack in stacks]))]
@@ -286,14 +275,14 @@ def window_models(
 def _models(
     layout: Layout,
     stack: Stack,
-    motion: tuple[Midpoints, slice],
+    motion: tuple[Midpoints, slice, Configuration],
     predicted: Prediction,
     point: Point,
     effects: tuple[JointNoise, tuple[Array, Array]],
 ) -> WindowModel:
     """Return a stack's windows from its motion, the prediction, the joints' noise and the impulses."""
     noise, (impulses, centre) = effects
-    around, inside = motion
+    around, inside, placed = motion
     parameters, spacing = point.parameters, stack.windows[0].spacing
     around_slope = gradient(predicted.twist) / spacing
     integral = _integral(predicted.twist, around_slope, spacing)[inside]
@@ -302,35 +291,32 @@ def _models(
     # Absolute parameters instead of deviations from the point: their part moves to the constant.
     errors[..., -1] -= errors[..., 6:-1] @ parameters
     of_joints = noise.pose @ np.swapaxes(noise.pose, -1, -2)
-    change = stack.whitening
+    change, parabolic = stack.whitening, parabolic_weights(len(middle))
     # The integrated twist has no Gauss-Markov joint errors.
     integrated = stack.integrates_twist & (layout.time_constants.size == 0)
     # The change of the pose has the joints' errors of two knots, independent of the others.
     ends = np.where(integrated[:, None], 1.0, 1.0 - 2.0 * change + 2.0 * len(middle) * change**2)[..., None]
-    in_gyro = np.zeros((len(of_joints), 3, noise.pose.shape[-1]))
-    if middle.gyro_gain.shape[-1]:
-        in_gyro = np.sqrt(stack.joint_variance / stack.samples) * middle.gyro_gain[len(middle) // 2]
-    pose, twist = readings(layout, stack, predicted, motion, slope)
+    moving = twist_motion(stack, predicted, (around, inside), slope)
+    pose = reading_columns(layout, 'pose', replace(moving, slope=moving.twist, rate=np.zeros_like(moving.twist)))
+    course = Course(stack, around, inside, prediction.twist, slope, placed)
+    rates, in_rates = _rates(layout, course, moving, mean_twist(errors, prediction, point, parabolic), noise, point)
     whole = IntegratedTwist.none(len(stack.windows), layout.size)
     if integrated.any():
         each = integral_weights(len(middle))
-        rates = [readings(layout, stack, predicted, motion, slope, weights)[1] for weights in each]
-        whole = integrated_twist(stack, prediction, middle, errors, point, by_readings=rates, stored=noise.stored)
+        motions = (twist_motion(stack, predicted, (around, inside), slope, weights) for weights in each)
+        turned = [reading_columns(layout, 'twist', moving) for moving in motions]
+        whole = integrated_twist(stack, prediction, middle, errors, point, by_readings=turned, stored=noise.stored)
         whole = replace(whole, replaces_twist=integrated)
-    of_gyro = gyro_covariance(stack, len(middle)) if middle.gyro.shape[-1] else None
     return WindowModel(
         Measurement(
             *pose_measurement(errors, change, pose, point.readings),
             stack.pose_covariance / stack.samples + ends * of_joints,
         ),
-        Measurement(
-            *twist_measurement(errors, prediction, middle, point, twist),
-            twist_covariance(stack, middle, (noise.pose, in_gyro), noise.stored, of_gyro),
-        ),
+        rates,
         transition=state_rows(errors[-1], np.zeros_like(pose)),
         drift=errors[-1][..., -1],
         noise=replace(noise, pose=np.sqrt(ends) * noise.pose, by_unknowns=np.sqrt(ends)[..., None] * noise.by_unknowns),
-        joints_of_gyro=np.sqrt(ends) * in_gyro,
+        joints_in_rates=np.sqrt(ends) * in_rates,
         joints_in_twist=telescoped(len(middle), spacing) / ends[:, 0, 0],
         length=np.full(len(stack.windows), len(middle) * spacing),
         rotation=exp(0.5 * middle.turn[-1]) @ middle.base_rotation[-1],
@@ -340,6 +326,40 @@ def _models(
         body=np.tile(point.body, (len(stack.windows), 1)),
         integrated=whole,
     )
+
+
+def _rates(
+    layout: Layout, course: Course, base: Motion, mean: Array, noise: JointNoise, point: Point
+) -> tuple[Measurement, Array]:
+    """Return what the twist and all further sensors measure in windows, and the joints' noise as it is in that.
+
+    The covariance is blockdiag(own) + t (J A + G)(J A + G)^T + w (J S)(J S)^T. J is what sensors read of the twist; A,
+    the joints' noise in the pose, telescopes, and so does G, which joints between base and sensor add; S is white.
+
+    Parameters
+    ----------
+    base, mean : the windows' motion as twists are read; as of `mean_twist`
+    """
+    sensors: tuple[Sensor, ...] = (TWIST, *layout.sensors)
+    stack, count = course.stack, course.inside.stop - course.inside.start
+    seen = [sensor.observed(course, base) for sensor in sensors]
+    columns = [reading_columns(layout, sensor.name, each.motion) for sensor, each in zip(sensors, seen, strict=True)]
+    of_twist = np.concatenate([sensor.of_twist for sensor in sensors])
+    joints = of_twist @ noise.pose
+    covariance, begin = np.zeros((*joints.shape[:2], len(of_twist))), 0
+    for each in seen:
+        own = slice(begin, begin + each.value.shape[1])
+        begin, covariance[:, own, own] = own.stop, each.covariance
+        if each.joint_gain is not None:
+            joints[:, own] += np.sqrt(stack.joint_variance / stack.samples) * each.joint_gain
+    covariance += telescoped(count, course.spacing) * (joints @ np.swapaxes(joints, -1, -2))
+    if noise.stored.shape[-1]:
+        common = of_twist @ noise.stored
+        white = count * np.sum(parabolic_weights(count) ** 2) / stack.samples
+        covariance += white * (common @ np.swapaxes(common, -1, -2))
+    value = np.concatenate([each.value for each in seen], axis=1)
+    measured = rate_measurement(of_twist @ mean, value, np.concatenate(columns, axis=1), point.readings)
+    return Measurement(*measured, covariance), joints
 
 
 def _momentum_change(layout: Layout, stack: Stack, bodies: Bodies, position: Array) -> tuple[Array, Array]:
@@ -432,9 +452,9 @@ def whitened_windows(windows: WindowModel, variables: Variables) -> list[Whitene
     missing = ~np.diagonal(known, axis1=1, axis2=2).all(axis=0)
     select = variables.measured[~np.any(variables.measured[:, missing], axis=1)]
     measurement = replace(windows.pose, covariance=np.where(known, windows.pose.covariance, np.eye(6)))
-    pose = _whitened(measurement, variables, select)
+    pose = _whitened(measurement, variables, select, _IDENTITY)
     precision = pose.precision
-    weighed = pose.weighed(windows.noise.pose, windows.joints_of_gyro)
+    weighed = pose.weighed(windows.noise.pose)
     places = np.arange(len(select))
     measured = [(*each, places) for each in zip(pose.value, pose.rows, pose.log_noise, strict=True)]
     links: list[TwistLink | None] = [None] * len(measured)
@@ -445,17 +465,17 @@ def whitened_windows(windows: WindowModel, variables: Variables) -> list[Whitene
         weighed[integrated] = precision[integrated] @ chosen.noise.pose
         for index, (value, rows, log_noise, link) in zip(np.flatnonzero(integrated).tolist(), joined, strict=True):
             measured[index], links[index] = (value, rows, log_noise, np.arange(len(value))), link
-    alone = np.where(integrated[:, None], np.nan, windows.twist.value)
-    for moving, select, of_rates in _rates(alone, variables):
-        measurement = windows.twist[moving]
+    alone = np.where(integrated[:, None], np.nan, windows.rates.value)
+    for moving, select, of_rates in _alike(alone, variables):
+        measurement = windows.rates[moving]
         measurement = replace(measurement, value=np.nan_to_num(measurement.value))  # of those outside this selection
-        twist = _whitened(measurement, variables, select)
+        rates = _whitened(measurement, variables, select, variables.of_twist)
         times = windows.joints_in_twist[moving, None, None]
-        precision[moving] += times * twist.precision
-        weighed[moving] += times * twist.weighed(windows.noise.pose[moving], windows.joints_of_gyro[moving])
-        values = np.concatenate((pose.value[moving], twist.value), axis=1)
-        both = np.concatenate((pose.rows[moving], twist.rows), axis=1)
-        log_noise = pose.log_noise[moving] + twist.log_noise
+        precision[moving] += times * rates.precision
+        weighed[moving] += times * rates.weighed(windows.joints_in_rates[moving])
+        values = np.concatenate((pose.value[moving], rates.value), axis=1)
+        both = np.concatenate((pose.rows[moving], rates.rows), axis=1)
+        log_noise = pose.log_noise[moving] + rates.log_noise
         all_places = np.concatenate((places, of_rates))
         for index, values_of_window in zip(moving.tolist(), zip(values, both, log_noise, strict=True), strict=True):
             measured[index] = (*values_of_window, all_places)
@@ -494,60 +514,45 @@ class _White:
     value: Array
     rows: Array
     log_noise: Array
-    whiten: Array  # (B, k, 6) the whitening matrix for the joints' noise in pose or twist
-    whiten_gyro: Array  # (B, k, 3) and for the extra noise of a gyro on a link; (B, k, 0) without a gyro
+    whiten: Array  # (B, k, r) the whitening matrix
+    of_base: Array  # (B, k, 6) the same of a pose error or twist of the base
 
     @property
     def precision(self) -> Array:
-        """S^-1 of these measurements, for the joints' noise in them, (B, 6, 6)."""
-        return np.asarray(np.swapaxes(self.whiten, -1, -2) @ self.whiten)
+        """J^T S^-1 J of these measurements, J what they are of a pose error or twist of the base, (B, 6, 6)."""
+        return np.asarray(np.swapaxes(self.of_base, -1, -2) @ self.of_base)
 
-    def weighed(self, joints: Array, of_gyro: Array) -> Array:
-        """Return S^-1 A of the joints' noise A (B, 6, n), beside which a gyro on a link has (B, 3, n)."""
-        white = self.whiten @ joints
-        if self.whiten_gyro.shape[-1] and of_gyro.any():
-            white = white + self.whiten_gyro @ of_gyro
-        return np.asarray(np.swapaxes(self.whiten, -1, -2) @ white)
+    def weighed(self, joints: Array) -> Array:
+        """Return J^T S^-1 A of the joints' noise A in the measurements, (B, r, n)."""
+        return np.asarray(np.swapaxes(self.of_base, -1, -2) @ (self.whiten @ joints))
 
 
-def _rates(value: Array, variables: Variables) -> Iterator[tuple[Integers, Array, Integers]]:
-    """Yield the windows with twist alone, gyro alone, or both, the combinations that hold, and their places.
+def _alike(value: Array, variables: Variables) -> Iterator[tuple[Integers, Array, Integers]]:
+    """Yield the windows that have the same sensors, the combinations that hold, and their places.
 
-    A value (B, 6), or with a gyro (B, 9), is NaN where it is not measured.
+    A value (B, r) of twist and further sensors is NaN where it is not measured.
     """
-    poses, known = variables.poses, np.isfinite(value)
-    twist, gyro = known[:, :6].all(axis=-1), known[:, 6:].all(axis=-1) & (value.shape[1] > 6)
-    turns = variables.measured[variables.measured[:, :3].any(axis=1)]
-    select = np.zeros((poses + len(turns), value.shape[1]))
-    select[:poses, :6] = variables.measured
-    if value.shape[1] > 6:
-        select[poses:, 6:] = turns[:, :3]
-    places = poses + np.arange(len(select))
-    for which, of_it in (
-        (twist & ~gyro, slice(0, poses)),
-        (gyro & ~twist, slice(poses, None)),
-        (twist & gyro, slice(None)),
-    ):
-        windows = np.flatnonzero(which)
-        if len(windows):
-            yield windows, select[of_it], places[of_it]
+    parts = variables.rate_combinations
+    widths, counts = zip(*((part.shape[1], len(part)) for part in parts), strict=True)
+    begins, select = np.cumsum((0, *widths[:-1])), block_diag(*parts)
+    known = np.logical_and.reduceat(np.isfinite(value), begins, axis=1)
+    for which in np.unique(known, axis=0):
+        rows = np.repeat(which, counts)
+        if rows.any():
+            yield np.flatnonzero((known == which).all(axis=1)), select[rows], variables.poses + np.flatnonzero(rows)
 
 
-def _whitened(measurement: Measurement, variables: Variables, select: Array) -> _White:
-    """Return a measurement of B windows in white noise, of the combinations that hold."""
+def _whitened(measurement: Measurement, variables: Variables, select: Array, of_base: Array) -> _White:
+    """Return a measurement of B windows in white noise, of the combinations that hold; `of_base` as in `_White`."""
     factor = np.linalg.cholesky(select @ measurement.covariance @ select.T)
     whiten = np.linalg.inv(factor) @ select
-    # The joints' noise is in the gyro's angular velocity as it is in that of the twist.
-    folded = whiten[..., :6]
-    if whiten.shape[-1] > 6:
-        folded = np.concatenate((whiten[..., :3] + whiten[..., 6:], whiten[..., 3:6]), axis=-1)
     return _White(
         value=(whiten @ measurement.value[..., None])[..., 0],
         rows=whiten @ variables.rows(measurement.rows),
         # One after the other along the first axis, in the same order for one window as for many.
         log_noise=2.0 * np.add.reduce(np.log(np.diagonal(factor, axis1=1, axis2=2).T.copy()), axis=0),
-        whiten=folded,
-        whiten_gyro=whiten[..., 6:],
+        whiten=whiten,
+        of_base=whiten @ of_base,
     )
 
 

@@ -67,7 +67,7 @@ _CLEAR = 12.0
 
 
 @dataclass(frozen=True)
-class Motion(ArrayRecord):
+class RateMotion(ArrayRecord):
     """How the base turned (rad) and moved (m) over W windows, the k angular numbers first."""
 
     step: Array  # (W, k) by the poses
@@ -99,12 +99,12 @@ class RateCheck:
 
     def __init__(
         self,
-        motion: Callable[[Samples], Motion | None],
-        error: Callable[[Motion, float], tuple[str, float]],
+        motion: Callable[[Samples], RateMotion | None],
+        error: Callable[[RateMotion, float], tuple[str, float]],
         severity: Severity = 'note',
     ) -> None:
         self._motion, self._error, self._severity = motion, error, severity
-        self._seen: deque[Motion] = deque(maxlen=_KEPT_RATES)
+        self._seen: deque[RateMotion] = deque(maxlen=_KEPT_RATES)
         self._misfits: deque[float] = deque(maxlen=_KEPT_RATES)  # of each as it is read
 
     def add(self, window: Samples) -> None:
@@ -119,7 +119,7 @@ class RateCheck:
         contradiction = sum(self._misfits) / max(len(self._seen), 1)
         if len(self._seen) < _FEWEST_RATES or contradiction < CONTRADICTS:
             return None
-        text, gain = self._error(Motion.concatenate(self._seen), contradiction)
+        text, gain = self._error(RateMotion.concatenate(self._seen), contradiction)
         return Reason(text, self._severity, gain) if text else None
 
     def update(self, window: Samples) -> Reason | None:
@@ -133,7 +133,7 @@ def twist_check() -> RateCheck:
     return RateCheck(_twist_motion, lambda motion, misfit: likeliest(motion, misfit, _twist_meanings(motion)))
 
 
-def likeliest(motion: Motion, contradiction: float, meanings: Meanings) -> tuple[str, float]:
+def likeliest(motion: RateMotion, contradiction: float, meanings: Meanings) -> tuple[str, float]:
     """Return the convention that explains motions of a misfit, and its gain; empty if none does."""
     _, left, text = min((factor * motion.misfit(meant), motion.misfit(meant), text) for factor, text, meant in meanings)
     if left > _LEFT * min(contradiction, motion.misfit(np.zeros(motion.step.shape))):
@@ -172,7 +172,7 @@ def spread(covariance: Array) -> Array:
     return np.repeat(variance.max(axis=1)[::-1], 3)
 
 
-def _twist_motion(window: Samples) -> Motion | None:
+def _twist_motion(window: Samples) -> RateMotion | None:
     """Return the motion of the base, odometry axes, by poses and twists; None without a twist."""
     if window.missing_rates[1]:
         return None
@@ -188,10 +188,10 @@ def _twist_motion(window: Samples) -> Motion | None:
     variance = 6.0 / count * spread(window.pose_covariance)
     variance += 5.0 / 9.0 * length**2 / count * spread(window.twist_covariance)
     rows = step, read, np.sqrt(variance), arm, rotation[count // 2]
-    return Motion(*(row[None] for row in rows))
+    return RateMotion(*(row[None] for row in rows))
 
 
-def _twist_meanings(motion: Motion) -> Meanings:
+def _twist_meanings(motion: RateMotion) -> Meanings:
     """Yield the conventions of the twist, and the steps (W, 6) that each implies."""
     what = 'the twist of the odometry'
     angular, linear = motion.read[:, :3], motion.read[:, 3:]
@@ -231,7 +231,7 @@ def _twist_meanings(motion: Motion) -> Meanings:
     )
 
 
-def _point(motion: Motion) -> Array:
+def _point(motion: RateMotion) -> Array:
     """Return the point, (3,) m in base axes, that the poses are of as the twist's point sees it: v + w x R r."""
     weight = 1.0 / motion.noise[:, 3:, None]
     rows = (weight * motion.arm).reshape(-1, 3)

@@ -11,11 +11,13 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from mbaid_ros.core.contracts import (
+    Course,
     Hypothesis,
     Linear,
+    Motion,
     NominalModel,
+    Observation,
     PlacedFrame,
-    Reading,
     Stack,
     Unknown,
     Words,
@@ -28,7 +30,6 @@ from mbaid_ros.core.geometry import (
     cross,
     exp,
     quaternion_from_rotation,
-    rotate,
     rotation_from_quaternion,
     skew,
 )
@@ -150,16 +151,18 @@ class OdometryMount(Unknown):
         turned = force_cross(turn, total[:, None]) - motion_cross(turn, twist[:, None]) @ inertia
         return np.swapaxes(np.concatenate((turned, faster @ inertia + away), axis=1), 1, 2)
 
-    def reading(self, motion: Reading) -> tuple[Array, Array]:
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
         """Return its effect on the pose, and on the velocity: v_read = v_true - w x R mu_p.
 
         A pose error turns the twist that is read, for that is turned by the pose; the mount's part of it does not.
         """
-        pose, twist = np.zeros((2, len(motion.rotation), 6, 6))
-        pose[:, :3, :3] = pose[:, 3:, 3:] = -motion.rotation
-        twist[:, :3, :3] = twist[:, 3:, 3:] = -motion.turning
-        twist[:, 3:, :3] = -motion.sliding
-        return pose, twist
+        if sensor not in ('pose', 'twist'):
+            return None
+        read = np.zeros((len(motion.rotation), 6, 6))
+        read[:, :3, :3] = read[:, 3:, 3:] = -motion.rotation if sensor == 'pose' else -motion.turning
+        if sensor == 'twist':
+            read[:, 3:, :3] = -motion.sliding
+        return read
 
     def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with this mount."""
@@ -220,11 +223,13 @@ class OdometryScale(Linear):
         inertia = np.sum(inertia_matrix(states.known), axis=1)
         return -inertia[..., :3] @ states.body_twist[:, 0, :3, None]
 
-    def reading(self, motion: Reading) -> tuple[Array, Array]:
-        """Return the position as far as the base has come, and its velocity."""
-        pose, twist = np.zeros((2, len(motion.time), 6, 1))
-        pose[:, 3:, 0], twist[:, 3:, 0] = motion.position, motion.twist[:, 3:]
-        return pose, twist
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
+        """Return the position as far as the base has come, or its velocity."""
+        if sensor not in ('pose', 'twist'):
+            return None
+        read = np.zeros((len(motion.time), 6, 1))
+        read[:, 3:, 0] = motion.position if sensor == 'pose' else motion.twist[:, 3:]
+        return read
 
 
 def odometry_scale(deviation: float) -> OdometryScale:
@@ -273,11 +278,13 @@ class TwistBias(Linear):
         rotation = states.configuration.rotation[:, 0]
         return -np.concatenate((inertia[..., 3:] @ rotation, inertia[..., :3] @ rotation), axis=-1)
 
-    def reading(self, motion: Reading) -> tuple[Array, Array]:
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
         """Return the base's axes."""
-        pose, twist = np.zeros((2, len(motion.time), 6, 6))
-        twist[:, :3, :3] = twist[:, 3:, 3:] = motion.axes
-        return pose, twist
+        if sensor != 'twist':
+            return None
+        read = np.zeros((len(motion.time), 6, 6))
+        read[:, :3, :3] = read[:, 3:, 3:] = motion.axes
+        return read
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return the turn about the normal and the speeds in the plane."""
@@ -306,13 +313,14 @@ class OdometryTurning(Linear):
             unit='rad/s',
         )
 
-    def reading(self, motion: Reading) -> tuple[Array, Array]:
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
         """Return the rotation of such a frame back, about the run's origin."""
-        pose, twist = np.zeros((2, len(motion.time), 6, 3))
-        arm, time = skew(motion.position), motion.time[:, None, None]
-        pose[:, :3], pose[:, 3:] = -time * np.eye(3), time * arm
-        twist[:, :3], twist[:, 3:] = -np.eye(3), arm
-        return pose, twist
+        if sensor not in ('pose', 'twist'):
+            return None
+        read = np.zeros((len(motion.time), 6, 3))
+        time = motion.time[:, None, None] if sensor == 'pose' else 1.0
+        read[:, :3], read[:, 3:] = -time * np.eye(3), time * skew(motion.position)
+        return read
 
 
 def odometry_turning(deviation: float) -> OdometryTurning:
@@ -337,9 +345,9 @@ class TwistLate(Linear):
         conversion = Conversion(with_twist=False)
         return Repair(text, conversion=conversion, value=numbers(value), std=numbers(std), unit='s')
 
-    def reading(self, motion: Reading) -> tuple[Array, Array]:
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
         """Return the earlier twist."""
-        return np.zeros((len(motion.time), 6, 1)), -motion.slope[..., None]
+        return -motion.slope[..., None] if sensor == 'twist' else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -348,15 +356,18 @@ class Vibration(Linear):
 
     frequency: float = 0.0  # Hz
 
-    def reading(self, motion: Reading) -> tuple[Array, Array]:
-        """Return each, and how fast it changes."""
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
+        """Return each, or how fast it changes."""
         rate, time = 2.0 * np.pi * self.frequency, motion.time[:, None, None]
         axes = np.eye(6)
         sine, cosine = np.sin(rate * time) * axes, np.cos(rate * time) * axes
         late = time / _MINUTE
-        pose = np.concatenate((sine, cosine, late * sine, late * cosine), axis=2)
+        if sensor == 'pose':
+            return np.concatenate((sine, cosine, late * sine, late * cosine), axis=2)
+        if sensor != 'twist':
+            return None
         growing = (rate * late * cosine + sine / _MINUTE, cosine / _MINUTE - rate * late * sine)
-        return pose, np.concatenate((rate * cosine, -rate * sine, *growing), axis=2)
+        return np.concatenate((rate * cosine, -rate * sine, *growing), axis=2)
 
 
 def vibration(frequency: float) -> Vibration:
@@ -404,31 +415,48 @@ def pose_measurement(errors: Array, change: Array, readings: Array, point: Array
     return readings @ point - mean[..., -1], state_rows(mean, readings)
 
 
-def twist_measurement(
-    errors: Array,
-    prediction: Prediction,
-    middle: Midpoints,
-    point: Point,
-    readings: Array,
-    weights: Array | None = None,
-) -> tuple[Array, Array]:
-    """V_measured - V_predicted = F xi + G (parameters - linearisation) + readings + noise, weighted.
+def mean_twist(errors: Array, prediction: Prediction, point: Point, weights: Array) -> Array:
+    """Return the mean of the predicted twist and its derivative by the state, (B, 6, p + 1), constant last.
 
-    A gyro's angular velocity is turned by the measured pose, as the twist is; on a link, less the turn by the joints.
-    Weights (m,) are a parabola's, where none are given.
+    V = V_predicted + F xi + G (parameters - linearisation), with weights (m,) of the intervals.
     """
-    weight = (parabolic_weights(len(middle)) if weights is None else weights)[:, None, None]
     gain = prediction.by_parameters[..., ANGULAR_FIRST, :]
     model: Array = prediction.by_pose_error[..., ANGULAR_FIRST, :] @ (0.5 * (errors[1:] + errors[:-1]))
     model[..., 6:-1] += gain
     model[..., -1] += prediction.twist[..., ANGULAR_FIRST] - gain @ point.parameters
-    mean = total(weight[..., None] * model)
-    measured = total(weight * middle.base_twist[..., ANGULAR_FIRST])
-    if middle.gyro.shape[-1]:
-        mean = np.concatenate((mean, mean[:, :3]), axis=1)
-        turned = total(weight * (rotate(middle.imu_axes, middle.gyro) - middle.imu_rate))
-        measured = np.concatenate((measured, turned), axis=1)
-    return measured - mean[..., -1] + readings @ point.readings, state_rows(mean, readings)
+    return total(weights[:, None, None, None] * model)
+
+
+def rate_measurement(mean: Array, measured: Array, readings: Array, point: Array) -> tuple[Array, Array]:
+    """V_measured - V_predicted = F xi + G (parameters - linearisation) + readings + noise, weighted.
+
+    Parameters
+    ----------
+    mean : (B, r, p + 1) what sensors read of the twist as of `mean_twist`; `measured` (B, r) is what they did read
+    readings, point : (B, r, e), (e,) by the unknowns of the readings, linearised there
+    """
+    return measured - mean[..., -1] + readings @ point, state_rows(mean, readings)
+
+
+class Twist:
+    """The twist of the odometry as a sensor. It is turned by the measured pose, as the rate of a gyro is."""
+
+    name = 'twist'
+    of_twist = np.eye(6)
+
+    def observed(self, course: Course, base: Motion) -> Observation:
+        """Return the mean twist, whose noise is white in base axes."""
+        around, inside, stack = course.around, course.inside, course.stack
+        count = inside.stop - inside.start
+        weights = parabolic_weights(count)
+        axes = np.zeros((len(stack.windows), 6, 6))
+        axes[..., :3, :3] = axes[..., 3:, 3:] = around.base_rotation[inside.start + count // 2]
+        white = count * np.sum(weights**2) / stack.samples
+        return Observation(
+            total(weights[:, None, None] * around.base_twist[inside][..., ANGULAR_FIRST]),
+            white * (axes @ stack.twist_covariance @ np.swapaxes(axes, -1, -2)),
+            base,
+        )
 
 
 @dataclass(frozen=True)
@@ -473,11 +501,11 @@ def integrated_twist(
     by_readings: Sequence[Array],
     stored: Array,
 ) -> IntegratedTwist:
-    """Return the integrated twist of a stack's windows; other arguments as of `twist_measurement`.
+    """Return the integrated twist of a stack's windows; other arguments as of `mean_twist`.
 
     Parameters
     ----------
-    by_readings : rates by the unknowns of the readings, as of `readings`, with each of `integral_weights`
+    by_readings : rates by the unknowns of the readings, as of `reading_columns`, with each of `integral_weights`
     stored : (B, 6, c) noise in the twist by stored momentum
     """
     count, spacing = len(middle), stack.windows[0].spacing
@@ -485,7 +513,9 @@ def integrated_twist(
     parts: list[tuple[Array, Array]] = []
     sizes = count * spacing, share * count * spacing
     for weights, rates, size in zip(integral_weights(count), by_readings, sizes, strict=True):
-        value, rows = twist_measurement(errors, prediction, middle, point, rates, weights)
+        measured = total(weights[:, None, None] * middle.base_twist[..., ANGULAR_FIRST])
+        twist = mean_twist(errors, prediction, point, weights)
+        value, rows = rate_measurement(twist, measured, rates, point.readings)
         parts.append((size * value, size * rows))
     way, mean = parts
     white = (count * spacing) ** 2 / stack.samples * _white(stack, middle.base_rotation[count // 2], stored)
@@ -499,42 +529,6 @@ def _white(stack: Stack, rotation: Array, stored: Array) -> Array:
     axes = np.zeros((len(rotation), 6, 6))
     axes[..., :3, :3] = axes[..., 3:, 3:] = rotation
     return np.asarray(axes @ stack.twist_covariance @ np.swapaxes(axes, -1, -2) + stored @ np.swapaxes(stored, -1, -2))
-
-
-def twist_covariance(
-    stack: Stack, middle: Midpoints, joints: tuple[Array, Array], stored: Array, of_gyro: Array | None = None
-) -> Array:
-    """Return the (B, 6, 6) covariance: white noise of the twist and of stored momentum, and the joints', telescoped.
-
-    `joints` are its factors in the mean pose, (B, 6, n), and (B, 3, n) that a gyro on a link has beside; `stored`
-    (B, 6, c). With a gyro (B, 9, 9): that has noise of its own, `of_gyro` (B, 3, 3), and the latter two in common with
-    the twist.
-    """
-    count, weight = len(middle), parabolic_weights(len(middle))
-    by_joints, in_gyro = joints
-    of_joints = by_joints @ np.swapaxes(by_joints, -1, -2)
-    axes = np.zeros_like(of_joints)
-    axes[..., :3, :3] = axes[..., 3:, 3:] = middle.base_rotation[count // 2]
-    white = count * np.sum(weight**2) / stack.samples
-    growth = telescoped(count, stack.windows[0].spacing)
-    of_mean = growth * of_joints
-    covariance = white * (axes @ stack.twist_covariance @ np.swapaxes(axes, -1, -2)) + of_mean
-    common = of_mean
-    if stored.shape[-1]:
-        by_readings = white * (stored @ np.swapaxes(stored, -1, -2))
-        covariance, common = covariance + by_readings, common + by_readings
-    if of_gyro is None:
-        return covariance
-    cross_covariance, of_rate = common[:, :, :3], common[:, :3, :3] + of_gyro
-    if in_gyro.any():
-        more = growth * by_joints @ np.swapaxes(in_gyro, -1, -2)
-        cross_covariance = cross_covariance + more
-        of_rate = of_rate + more[:, :3] + np.swapaxes(more[:, :3], 1, 2)
-        of_rate = of_rate + growth * in_gyro @ np.swapaxes(in_gyro, -1, -2)
-    joined = np.zeros((len(common), 9, 9))
-    joined[:, :6, :6], joined[:, 6:, 6:] = covariance, of_rate
-    joined[:, :6, 6:], joined[:, 6:, :6] = cross_covariance, np.swapaxes(cross_covariance, 1, 2)
-    return joined
 
 
 @cache

@@ -16,7 +16,8 @@ from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Status
 Severity = Literal['note', 'contradiction', 'conflict']
 # Parameters with which the noise found in the readings takes the place of the declared one.
 FOUND_NOISE: Mapping[str, Setting] = {'noise.estimate': True}
-SENSORS = ('base_orientation', 'base_position', 'base_angular_velocity', 'base_linear_velocity', 'imu')
+# In the order of a pose's and a twist's numbers.
+BASE_SENSORS = ('base_orientation', 'base_position', 'base_angular_velocity', 'base_linear_velocity')
 # Mean normalised innovation squared, of all or of one sensor, from which the model is wrong, the run not just unlucky.
 LARGEST_NIS = 1.5
 # Standard deviations from which a deviation of the innovations is no accident: one in a billion.
@@ -82,23 +83,19 @@ def notes(texts: Sequence[str]) -> list[Reason]:
 
 @dataclass(frozen=True, eq=False)
 class Innovations:
-    """Sums over the windows of a run, of each of the m numbers that may be measured.
+    """Sums over the windows of a run, of each of the m numbers that may be measured, those of a sensor in a row."""
 
-    These are k of the pose, angular ones first, k of the twist, and those that a gyro measures.
-    """
-
-    angular: int  # how many of the k are angular: three, or one in a plane
+    sources: tuple[str, ...]  # m, the sensor that each of the numbers is of
     # sums, counts: (2, m) of the normalised innovations squared, and of the products of those of neighbouring windows
     sums: Array
     counts: Array
     previous: Array  # (m,) those of the last window; NaN if not measured
 
     @staticmethod
-    def none(poses: int) -> Innovations:
-        """Return the sums before the first window, of k = 6 pose measurements, or 3 in a plane."""
-        angular = 3 if poses > 3 else 1
-        nothing = np.zeros((2, 2 * poses + angular))
-        return Innovations(angular, nothing, nothing, np.full(nothing.shape[1], np.nan))
+    def none(sources: tuple[str, ...]) -> Innovations:
+        """Return the sums before the first window."""
+        nothing = np.zeros((2, len(sources)))
+        return Innovations(sources, nothing, nothing, np.full(len(sources), np.nan))
 
     def with_window(self, normalised: Array, places: Integers) -> Innovations:
         """Return the sums with a window's normalised innovations (w,), which are of the numbers at some places."""
@@ -106,39 +103,43 @@ class Innovations:
         latest[places] = normalised
         products = np.array((latest, self.previous)) * latest
         known = np.isfinite(products)
-        return Innovations(self.angular, self.sums + np.where(known, products, 0.0), self.counts + known, latest)
+        return Innovations(self.sources, self.sums + np.where(known, products, 0.0), self.counts + known, latest)
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """The sensors, in the order of their numbers."""
+        return tuple(dict.fromkeys(self.sources))
 
     @cached_property
     def _of_sensors(self) -> tuple[Array, Array]:
-        """Sums and counts, (2, 5) each, in the order of SENSORS."""
-        poses = (len(self.previous) - self.angular) // 2
-        ends = (0, self.angular, poses, poses + self.angular, 2 * poses)
-        sums, counts = np.add.reduceat(np.array((self.sums, self.counts)), ends, axis=2)
+        """Sums and counts, (2, s) each, of the s sensors."""
+        begins = [self.sources.index(name) for name in self.sensors]
+        sums, counts = np.add.reduceat(np.array((self.sums, self.counts)), begins, axis=2)
         return sums, counts
 
     @property
     def count(self) -> Array:
-        """How many innovations of each sensor there were, (5,)."""
+        """How many innovations of each sensor there were, (s,)."""
         return self._of_sensors[1][0]
 
     @property
     def pairs(self) -> Array:
-        """How many pairs of neighbouring windows' innovations of each sensor there were, (5,)."""
+        """How many pairs of neighbouring windows' innovations of each sensor there were, (s,)."""
         return self._of_sensors[1][1]
 
     @cached_property
     def ratio(self) -> Array:
-        """Mean normalised innovation squared of each sensor, (5,): 1 for noise as declared; NaN without any."""
+        """Mean normalised innovation squared of each sensor, (s,): 1 for noise as declared; NaN without any."""
         return np.where(self.count > 0.0, self._of_sensors[0][0] / np.maximum(self.count, 1.0), np.nan)
 
     @cached_property
     def ratio_significance(self) -> Array:
-        """By how many of its standard deviations, sqrt(2 / n), each ratio exceeds 1, (5,)."""
+        """By how many of its standard deviations, sqrt(2 / n), each ratio exceeds 1, (s,)."""
         return (self.ratio - 1.0) * np.sqrt(0.5 * self.count)
 
     @cached_property
     def correlation(self) -> Array:
-        """Covariance of neighbouring windows' innovations in units of the declared noise, (5,); NaN without any.
+        """Covariance of neighbouring windows' innovations in units of the declared noise, (s,); NaN without any.
 
         0 where the noise is white. Innovations far below the declared noise do not matter.
         """
@@ -146,7 +147,7 @@ class Innovations:
 
     @cached_property
     def correlation_significance(self) -> Array:
-        """How many of its standard deviations, the ratio over sqrt(n), each of these is, (5,)."""
+        """How many of its standard deviations, the ratio over sqrt(n), each of these is, (s,)."""
         return self.correlation / np.maximum(self.ratio, 1.0) * np.sqrt(self.pairs)
 
 
@@ -267,13 +268,14 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
         if is_suspect(distance)
     ]
     innovations = evidence.innovations
-    for place, sensor in enumerate(SENSORS):
+    for place, sensor in enumerate(innovations.sensors):
         ratio, count = float(innovations.ratio[place]), float(innovations.count[place])
         if innovations.ratio_significance[place] > _SIGNIFICANT:
             gain = 0.5 * count * (ratio - 1.0 - np.log(ratio))
-            parameter = 'imu.noise_density' if sensor == 'imu' else f'noise.{sensor}'
+            of_base = sensor in BASE_SENSORS
+            parameter = f'noise.{sensor}' if of_base else f'{sensor}.noise_density'
             text = f'{parameter} is {np.sqrt(ratio):.1f} times too small'
-            noisy = None if sensor == 'imu' else Repair(text, FOUND_NOISE, value=float(np.sqrt(ratio)))
+            noisy = Repair(text, FOUND_NOISE, value=float(np.sqrt(ratio))) if of_base else None
             causes.append(Cause(f'{text}, or the model is wrong', gain, noisy))
         correlation = float(innovations.correlation[place])
         if innovations.correlation_significance[place] > _SIGNIFICANT:

@@ -389,8 +389,8 @@ class PlaneDetector:
         turns_out = out_of_plane > _SIGNIFICANT * rate_std
         # Nor is an orientation with a covariance of NaN, but integrated: then the gyro decides, despite its bias.
         tilts = tilt > _SIGNIFICANT * np.sqrt(2.0) * tilt_std
-        if np.isnan(tilt_std) and window.gyro.shape[1] and count > 1:
-            turned = (window.gyro[-1] - window.gyro[0]) / (window.time[-1] - window.time[0])
+        if np.isnan(tilt_std) and window.further.shape[1] and count > 1:
+            turned = (window.further[-1, :3] - window.further[0, :3]) / (window.time[-1] - window.time[0])
             tilts = np.linalg.norm(turned - self._axis * (self._axis @ turned)) > _OUT_OF_PLANE
         self.planar = not (tilts or turns_out)
 

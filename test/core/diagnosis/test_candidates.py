@@ -57,7 +57,7 @@ def passed(likelihood: float, *, explains: bool = True, jumps: Sequence[float] =
         nis=nis,
         measured=NIS,
         misfit=0.5 * (nis - NIS),
-        innovations=Innovations.none(6),
+        innovations=Innovations.none(('base_position',) * 6),
     )
     return SimpleNamespace(gaussian=gaussian, jumps=[SimpleNamespace(time=time) for time in jumps])
 

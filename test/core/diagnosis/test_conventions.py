@@ -34,7 +34,7 @@ def measured() -> Samples:
 
 def windows_of(samples: Samples) -> list[Window]:
     count = BEFORE + round(LENGTH / SPACING) + AFTER
-    noise = WindowNoise(50, MID.joint_position, np.eye(6) * 1e-6, np.eye(6) * 1e-6, 0.0, 0.0)
+    noise = WindowNoise(50, MID.joint_position, np.eye(6) * 1e-6, np.eye(6) * 1e-6, 0.0)
     found = []
     for start in np.arange(1.0, 23.0, LENGTH):
         begin = start - BEFORE * SPACING

@@ -19,12 +19,14 @@ from mbaid_ros.core.joints.faults import joint_noise_factor
 from mbaid_ros.core.odometry.faults import vibration_frequencies
 from mbaid_ros.core.passive.joints import swinging_text
 from mbaid_ros.core.pipeline import Synchroniser
-from mbaid_ros.core.results.verdict import Innovations
+from mbaid_ros.core.results.verdict import BASE_SENSORS, Innovations
 from mbaid_ros.core.samples import Samples
 from windowed import base_stream, joint_stream
 
 JOINT = 1e-4  # rad
 compared = PriorComparison.from_posterior
+
+SOURCES = tuple(np.repeat(BASE_SENSORS, 3).tolist())
 
 
 def test_what_is_as_certain_as_declared_gains_nothing_by_less() -> None:
@@ -77,7 +79,7 @@ def test_a_drift_alone_is_no_swing(power: int) -> None:
 
 def ranks(joint_noise: float) -> list[str]:
     """Return what is named where innovations are three times as large as declared and a thing and a walk explain it."""
-    large = Innovations.none(6)
+    large = Innovations.none(SOURCES)
     for _ in range(50):
         large = large.with_window(np.full(12, 3.0), np.arange(12))
     inquired = {'the thing': (2300.0, True), 'anything': (2390.0, False), 'a small thing': (500.0, True)}

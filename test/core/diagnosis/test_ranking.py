@@ -18,10 +18,12 @@ from mbaid_ros.core.diagnosis.isolation import (
     likeliest_kinds,
     ranked,
 )
-from mbaid_ros.core.results.verdict import Innovations
+from mbaid_ros.core.results.verdict import BASE_SENSORS, Innovations
 from mbaid_ros.tasks import Work
 
 Row = tuple[float, str]  # gain, and kind: a thing, an error of the twist, or a walk without a mechanism
+
+SOURCES = tuple(np.repeat(BASE_SENSORS, 3).tolist())
 
 
 @pytest.mark.parametrize(
@@ -47,7 +49,7 @@ def test_a_cause_leads_where_no_other_explains_the_data_nearly_as_well(rows: lis
         for place, (gain, kind) in enumerate(rows)
     )
     first = next((each for each in causes if each.physical), None)
-    assert IsolationResult(causes, Innovations.none(6)).leading is (first if leads else None)
+    assert IsolationResult(causes, Innovations.none(SOURCES)).leading is (first if leads else None)
 
 
 def gaussian(misfit: float, log_likelihood: float) -> Any:
@@ -121,7 +123,7 @@ def test_a_pass_explains_the_data_by_innovations_as_large_as_the_noise(nis: floa
 
 def test_noise_values_gain_what_the_innovations_of_all_sensors_explain() -> None:
     """Of n numbers with nine times the variance n / 2 (9 - 1 - log 9); smaller ones than declared, or none, nothing."""
-    innovations = Innovations.none(6)
+    innovations = Innovations.none(SOURCES)
     for _ in range(50):
         innovations = innovations.with_window(np.repeat([3.0, 0.1, 1.0, 1.0], 3), np.arange(12))
     (cause,) = ranked({}, innovations, 1.4)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import exp
-from mbaid_ros.core.gyro import _gyro_motion
-from mbaid_ros.core.odometry.faults import Motion, _twist_motion, spread
+from mbaid_ros.core.gyro import _turn_of_gyro
+from mbaid_ros.core.odometry.faults import RateMotion, _twist_motion, spread
 from mbaid_ros.core.samples import Samples
 
 WINDOWS, COUNT, STEP = 500, 30, 0.02  # samples of a window, and s between them
@@ -31,7 +31,7 @@ def resting(position: float, orientation: float, velocity: float, rate: float) -
                 rate * noise[3],
                 np.broadcast_to(pose, (COUNT, 6, 6)),
                 np.broadcast_to(twist, (COUNT, 6, 6)),
-                gyro=np.zeros((COUNT, 3)),
+                further=np.zeros((COUNT, 3)),
             )
         )
     return found
@@ -44,7 +44,7 @@ def test_twists_are_as_far_from_the_steps_of_the_poses_as_their_noise_makes_them
     sizes: tuple[float, float, float, float],
 ) -> None:
     """Angular and linear ones, by the noise of the poses, and by that of the twist."""
-    motions = Motion.concatenate([motion for each in resting(*sizes) if (motion := _twist_motion(each))])
+    motions = RateMotion.concatenate([motion for each in resting(*sizes) if (motion := _twist_motion(each))])
     normalised = (motions.step - motions.read) / motions.noise
     for part in np.split(normalised, 2, axis=1):
         # Of 1500 numbers a mean square is known to 3.7 %; weights of the twist are those of trapezoids, nearly.
@@ -53,8 +53,8 @@ def test_twists_are_as_far_from_the_steps_of_the_poses_as_their_noise_makes_them
 
 
 def test_a_gyro_is_as_far_from_the_steps_of_the_poses_as_their_noise_makes_it() -> None:
-    found = [motion for each in resting(1e-1, 1e-4, 1.0, 1.0) if (motion := _gyro_motion(each))]
-    motions = Motion.concatenate(found)
+    found = [motion for each in resting(1e-1, 1e-4, 1.0, 1.0) if (motion := _turn_of_gyro(each))]
+    motions = RateMotion.concatenate(found)
     assert motions.misfit(motions.read) == pytest.approx(1.0, abs=0.15)
 
 

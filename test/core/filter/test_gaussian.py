@@ -14,6 +14,7 @@ from mbaid_ros.core.filter.linearise import WindowModel
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.filter.time_update import advance
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.gyro import IMU, GyroSensor
 from mbaid_ros.core.odometry.model import IntegratedTwist, Measurement
 from mbaid_ros.core.state import BODY, OPEN_LENGTH, Variables
 from windowed import NUMBERS, STATE, UNKNOWNS, covariance_of, positive, prepare, variables, window
@@ -39,12 +40,12 @@ def batch(models: list[WindowModel], space: Variables) -> tuple[Array, Array, fl
     for model in models:
         for value, part, covariance in (
             (model.pose.value, model.pose.rows, model.pose.covariance),
-            (model.twist.value, model.twist.rows, model.twist.covariance),
+            (model.rates.value, model.rates.rows, model.rates.covariance),
         ):
             rows.append(part @ whole)
             values.append(value - part @ constant)
             noise.append(covariance)
-        for covariance, size in ((model.pose.covariance, 1.0), (model.twist.covariance, model.joints_in_twist)):
+        for covariance, size in ((model.pose.covariance, 1.0), (model.rates.covariance, model.joints_in_twist)):
             # E[(d rows)^T covariance^-1 (d value)] of an error e of the joints, with unit covariance: d value is
             # joints e, d rows is the same of their derivative.
             weighed = np.linalg.solve(covariance, model.noise.pose)
@@ -127,7 +128,7 @@ def test_a_variance_may_shrink_by_more_than_double_precision() -> None:
     model = replace(
         model,
         pose=replace(model.pose, covariance=sharp * model.pose.covariance),
-        twist=replace(model.twist, covariance=sharp * model.twist.covariance),
+        rates=replace(model.rates, covariance=sharp * model.rates.covariance),
     )
     white = prepare(model, space)
     factor = update(SquareRootInformation.prior(space, 'inertial'), white).factor
@@ -135,22 +136,26 @@ def test_a_variance_may_shrink_by_more_than_double_precision() -> None:
     assert spread == pytest.approx(np.ones(12), rel=1e-5)
 
 
+GYRO = GyroSensor(IMU, 0.0, slice(0, 3))
+
+
 def test_a_gyro_and_a_twist_have_the_joints_noise_in_common() -> None:
     rng = np.random.default_rng(5)
     space = variables(rng)
     model = window(rng)
     root = rng.normal(size=(9, 12))
-    model = replace(model, twist=Measurement(rng.normal(size=9), rng.normal(size=(9, STATE)), root @ root.T))
+    rates = Measurement(rng.normal(size=9), rng.normal(size=(9, STATE)), root @ root.T)
+    model, space = replace(model, rates=rates, joints_in_rates=np.zeros((9, 3))), replace(space, sensors=(GYRO,))
     white = prepare(model, space)
     assert white.places.tolist() == list(range(15))
     rows = white.rows[6:] / space.scale
-    expected = model.twist.rows.T @ np.linalg.solve(model.twist.covariance, model.twist.rows)
+    expected = model.rates.rows.T @ np.linalg.solve(model.rates.covariance, model.rates.rows)
     assert rows.T @ rows == pytest.approx(expected)
-    unmeasured = model.twist.value.copy()
+    unmeasured = model.rates.value.copy()
     unmeasured[:6] = np.nan
-    alone = prepare(replace(model, twist=replace(model.twist, value=unmeasured)), space)
+    alone = prepare(replace(model, rates=replace(model.rates, value=unmeasured)), space)
     assert alone.places.tolist() == [*range(6), 12, 13, 14]
-    expected = model.twist.rows[6:].T @ np.linalg.solve(model.twist.covariance[6:, 6:], model.twist.rows[6:])
+    expected = model.rates.rows[6:].T @ np.linalg.solve(model.rates.covariance[6:, 6:], model.rates.rows[6:])
     rows = alone.rows[6:] / space.scale
     assert rows.T @ rows == pytest.approx(expected)
 

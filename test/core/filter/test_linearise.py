@@ -77,7 +77,7 @@ def test_parameters_act_as_the_rows_say(robot: Layout, exact: Samples, point: Ar
         return np.concatenate((pose, twist, drift))
 
     expected = central_difference(constants, np.zeros(16), 1e-4 * np.maximum(np.abs(point), 1.0))
-    rows = np.concatenate((-model.pose.rows, -model.twist.rows, model.transition))[:, PARAMETERS]
+    rows = np.concatenate((-model.pose.rows, -model.rates.rows, model.transition))[:, PARAMETERS]
     # The rows leave out the fourth-order corrections: a part in a thousand of the motion within an interval.
     for group in (slice(0, 6), slice(6, 12), slice(12, 18)):
         assert rows[group] == pytest.approx(expected[group], abs=2e-4 * np.abs(expected[group]).max())
@@ -174,7 +174,7 @@ class JointNoise:
 
 def test_covariances_are_those_of_the_joints_noise(robot: Layout, exact: Samples, point: Array) -> None:
     noise = JointNoise(robot, exact, point)
-    for place, claimed in enumerate((noise.model.pose.covariance, noise.model.twist.covariance)):
+    for place, claimed in enumerate((noise.model.pose.covariance, noise.model.rates.covariance)):
         part = slice(6 * place, 6 * place + 6)
         ratio = np.diag(noise.covariance[part, part]) / np.diag(claimed)
         # One gain stands for the window's, and the fourth-order formulas stir the noise a little.

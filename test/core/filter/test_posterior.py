@@ -174,7 +174,7 @@ def test_noise_in_rows_feigns_the_information_that_it_has_on_average(seed: int) 
     space, model = drawn_variables(rng), drawn_window(rng)
     slope = np.einsum('aun,ub->abn', model.noise.by_unknowns[:, :10], space.to_state[BODY, BODY])
     information = np.zeros((10, 10))
-    for covariance, size in ((model.pose.covariance, 1.0), (model.twist.covariance, model.joints_in_twist)):
+    for covariance, size in ((model.pose.covariance, 1.0), (model.rates.covariance, model.joints_in_twist)):
         # E[(d rows)^T covariance^-1 (d rows)] of an error of the joints with unit covariance.
         information += size * np.einsum('abn,ac,cdn->bd', slope, np.linalg.inv(covariance), slope)
     at = information @ (space.from_state[BODY, BODY] @ model.body)

@@ -99,7 +99,7 @@ def test_a_mass_is_held_beside_what_a_run_has_left() -> None:
     ],
 )
 def test_the_hypotheses_of_a_run(constant: str, adapt: bool, forces: list[str]) -> None:
-    found = hypotheses(2.0, 0.1, constant, adapt=adapt)  # type: ignore[arg-type]
+    found = hypotheses(2.0, 0.1, constant, adapt=adapt)
     assert [each.force for each in found] == forces
     assert [each.physical for each in found] == [True, True, True, True, False, False][: len(found)]
     walks = [(each.momentum, each.position) for each in found if not each.physical]

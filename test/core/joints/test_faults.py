@@ -75,7 +75,7 @@ def covariances(robot: MomentumKernel, window: Window) -> tuple[Array, Array]:
     layout = Layout.from_unknowns(robot, ())
     point = layout.point(np.concatenate((np.zeros(12), robot.target.parameters)))
     model = window_model(layout, window, point)
-    return model.pose.covariance, model.twist.covariance
+    return model.pose.covariance, model.rates.covariance
 
 
 def test_a_joint_that_swings_moves_the_base_in_one_direction(robot: MomentumKernel, window: Window) -> None:

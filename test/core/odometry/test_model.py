@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
+from checked import generic
 from mbaid_ros.core.clocks import clock_drift, time_offset
 from mbaid_ros.core.contracts import Unknown
 from mbaid_ros.core.filter.linearise import WindowModel
 from mbaid_ros.core.geometry import Array, crossed, exp, rotate_back
-from mbaid_ros.core.gyro import GyroErrors, gyro
+from mbaid_ros.core.gyro import IMU, GyroErrors, gyro, gyro_sensor
 from mbaid_ros.core.odometry.model import odometry_mount, odometry_scale, twist_bias
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import Samples
@@ -107,10 +108,11 @@ def test_readings_are_off_as_the_rows_say(
     assert after == pytest.approx(end, abs=tolerance * scale)
     # And the columns are not nothing.
     model = window_model(layout, window_of(exact, SPACING), here)
-    rows = model.twist.rows if unknown is BIAS else model.pose.rows
+    rows = model.rates.rows if unknown is BIAS else model.pose.rows
     assert np.abs(rows[:, BODY.stop + component]).max() > 0.3 * scale
 
 
+ARM = 'gyros.arm'
 SIZES = np.full(13, 1e-3)  # rad/s; relative, rad, relative; s
 
 
@@ -129,7 +131,7 @@ def measured(kernel: MomentumKernel, exact: Samples, value: Array, name: str = '
     rate = CubicSpline(exact.time, rotate_back(placed.link_pose(link)[0], bodies[:, link.body, 3:]))
     late = CubicSpline(exact.time, rate(exact.time - delay) @ exp(turn))  # rows: turned back
     turned = late.antiderivative()(exact.time) @ (np.diag(1.0 + scale) + crossed(shared)) + exact.time[:, None] * bias
-    return replace(exact, gyro=turned)
+    return replace(exact, further=turned)
 
 
 def gyro_window(
@@ -138,7 +140,7 @@ def gyro_window(
     """Return a window's model where some of the errors are known, and the state."""
     link = kernel.model.link(name) if name != 'base_link' else None
     unknown = gyro(GyroErrors(1.0, 1.0, 1.0, 1.0, cross=1.0, link=link))
-    layout = replace(Layout.from_unknowns(kernel, (unknown,)), imu=link)
+    layout = replace(Layout.from_unknowns(kernel, (unknown,)), sensors=(gyro_sensor(IMU, 0.0, kernel.model, link),))
     x = state(kernel, start, np.zeros(6), known)
     assert len(x) == BODY.stop + 13
     return window_model(layout, window_of(samples, SPACING), layout.point(x)), x
@@ -162,6 +164,38 @@ def test_gyro_readings_are_off_as_the_columns_say(
         assert np.abs(rest - none).max() < part * np.abs(off).max()
 
 
+def test_two_gyros_are_off_as_their_columns_say_where_no_error_is_zero(
+    servicer7: MomentumKernel, exact: Samples, start: Array
+) -> None:
+    """One on the base, one on a link, with all errors at once: each reads by its own ones alone."""
+    size = SIZES * np.abs(generic(5, 2, len(SIZES)))
+    errors = [
+        gyro(GyroErrors(1.0, 1.0, 1.0, 1.0, cross=1.0)),
+        gyro(GyroErrors(1.0, 1.0, 1.0, 1.0, cross=1.0, name=ARM, link=servicer7.model.link(LINK))),
+    ]
+    sensors = (
+        gyro_sensor(IMU, 0.0, servicer7.model),
+        gyro_sensor(ARM, 0.0, servicer7.model, servicer7.model.link(LINK), slice(3, 6)),
+    )
+    layout = replace(Layout.from_unknowns(servicer7, errors), sensors=sensors)
+    read = [measured(servicer7, exact, *each).further for each in zip(size, ('base_link', LINK), strict=True)]
+    window = window_of(replace(exact, further=np.concatenate(read, axis=1)), SPACING)
+
+    def left(first: Array, second: Array) -> Array:
+        x = np.concatenate((np.zeros(6), start, servicer7.target.parameters, first, second))
+        model = window_model(layout, window, layout.point(x))
+        assert model.rates.rows.shape == (12, BODY.stop + 26)
+        return residuals(model, x)[1][6:]
+
+    nothing = np.zeros(13)
+    off, rest = left(nothing, nothing), left(*size)
+    assert np.abs(rest).max() < 2e-2 * np.abs(off).min()
+    for gyros_own, known in ((slice(0, 3), (size[0], nothing)), (slice(3, 6), (nothing, size[1]))):
+        one = left(*known)
+        assert one[gyros_own] == pytest.approx(rest[gyros_own], abs=1e-12)
+        assert np.delete(one, gyros_own) == pytest.approx(np.delete(off, gyros_own), abs=1e-12)
+
+
 @pytest.mark.parametrize('component', [6, 7, 8])
 def test_an_orientation_of_its_own_is_turned_as_its_axes_are(
     servicer7: MomentumKernel, exact: Samples, start: Array, component: int
@@ -169,6 +203,7 @@ def test_an_orientation_of_its_own_is_turned_as_its_axes_are(
     value = np.zeros(13)
     value[component] = SIZES[component]
     layout = Layout.from_unknowns(servicer7, (gyro(GyroErrors(1.0, 1.0, 1.0, 1.0, cross=1.0, with_orientation=True)),))
+    layout = replace(layout, sensors=(gyro_sensor(IMU, 0.0, servicer7.model),))
     state = np.concatenate((np.zeros(6), start, servicer7.target.parameters, value))
     read = measured(servicer7, exact, value)
     read = replace(read, base_rotation=read.base_rotation @ exp(value[6:9]))
@@ -193,7 +228,7 @@ def test_the_joints_noise_is_in_the_readings_as_the_covariance_says(
         model, x = gyro_window(servicer7, replace(read, joint_position=noisy), start, np.zeros(13), LINK)
         errors.append(residuals(model, x)[1])
     # Nothing else is noisy: the windows' own is 1e-15, the gyro has none.
-    expected, found = model.twist.covariance, np.cov(np.array(errors).T)
+    expected, found = model.rates.covariance, np.cov(np.array(errors).T)
     for part in (slice(0, 3), slice(6, 9)):
         assert np.trace(found[part, part]) == pytest.approx(np.trace(expected[part, part]), rel=0.2)
     size = np.sqrt(np.trace(expected[:3, :3]) * np.trace(expected[6:, 6:]))

@@ -89,7 +89,7 @@ class Case:
         derivatives: list[Array] = []
         deflections: list[Array] = []
         for stacks in in_stacks(self.windows, 3):
-            begun = [stack.motion(point.side, None, BESIDE) for stack in stacks]
+            begun = [stack.motion(point.side, BESIDE) for stack in stacks]
             motions, prediction, _, _ = course.predict(stacks, begun, point)
             parts = prediction.divided([motion.turn.shape[:2] for motion, _ in motions])
             windows_of: dict[int, tuple[Array, ...]] = {}
@@ -132,7 +132,7 @@ def test_windows_that_were_linearised_while_they_were_open_do_not_count(first: s
     )
     for course, some in ((alone, closed), (beside, together)):
         stacks = stacked(some)
-        course.predict(stacks, [stack.motion(point.side, None, BESIDE) for stack in stacks], point)
+        course.predict(stacks, [stack.motion(point.side, BESIDE) for stack in stacks], point)
     expected = alone.deflections(closed[-1])
     assert beside.deflections(closed[-1]) == pytest.approx(expected, rel=1e-9)
     for window in still_open:

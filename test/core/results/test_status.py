@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.verdict import Distance, Evidence, Innovations, Verdict, judge, widening
+from mbaid_ros.core.results.verdict import BASE_SENSORS, Distance, Evidence, Innovations, Verdict, judge, widening
 
-ANGULAR, NUMBERS = 3, 15  # of pose and twist in space, and those of a gyro
+SOURCES = tuple(name for name in (*BASE_SENSORS, 'imu') for _ in range(3))  # in space
+NUMBERS = len(SOURCES)
 ALL = np.arange(NUMBERS)
 
 
 def followed(normalised: Array) -> Innovations:
     """Return the sums over windows' innovations (W, 15), NaN where not measured, as a filter hands them over."""
-    found = Innovations.none(6)
+    found = Innovations.none(SOURCES)
     for row in normalised:
         measured = np.flatnonzero(np.isfinite(row))[::-1]  # in any order
         found = found.with_window(row[measured], measured)
@@ -48,7 +49,7 @@ def summed(ratio: float, correlation: float, count: float = 500.0) -> Innovation
     """Return the sums over so many windows with exactly this mean square and this product of neighbours."""
     numbers = np.ones(NUMBERS)
     return Innovations(
-        ANGULAR, count * np.array([ratio * numbers, correlation * numbers]), count * np.ones((2, NUMBERS)), numbers
+        SOURCES, count * np.array([ratio * numbers, correlation * numbers]), count * np.ones((2, NUMBERS)), numbers
     )
 
 
@@ -60,7 +61,7 @@ def test_significances_of_white_noise_have_unit_variance(times: float, deviation
     for _ in range(300):
         series = times * rng.normal(size=(600, NUMBERS))
         sums = np.array([(series**2).sum(axis=0), (series[1:] * series[:-1]).sum(axis=0)])
-        found = Innovations(ANGULAR, sums, np.repeat([[600.0], [599.0]], NUMBERS, axis=1), series[-1])
+        found = Innovations(SOURCES, sums, np.repeat([[600.0], [599.0]], NUMBERS, axis=1), series[-1])
         ratios.append(found.ratio_significance)
         correlations.append(found.correlation_significance)
     # Of 1500 numbers a standard deviation is known to 1.8 %.
@@ -95,7 +96,7 @@ def test_only_neighbouring_windows_that_both_measure_a_number_count_as_a_pair() 
 
 
 def test_a_plane_has_one_angle_and_two_positions() -> None:
-    nothing = Innovations.none(3)
+    nothing = Innovations.none(tuple(np.repeat((*BASE_SENSORS, 'imu'), (1, 2, 1, 2, 1)).tolist()))
     found = nothing.with_window(np.array([1.0, 2.0, 2.0, 3.0, 4.0, 4.0, 5.0]), np.arange(7))
     assert found.ratio == pytest.approx([1.0, 4.0, 9.0, 16.0, 25.0])
     assert found.count.tolist() == [1, 2, 1, 2, 1]

@@ -114,7 +114,7 @@ def test_a_gyro_alone_decides_by_how_it_turns_out_of_the_plane(rate: float, plan
     turned = time[:, None] * np.array([0.0, rate, 3.0])
     window = Samples(time, joints, joints, nothing, exp(0.0 * nothing), nothing, nothing * np.nan, unknown, unknown)
     detector = PlaneDetector(robot('table1'))
-    detector.update(replace(window, gyro=turned))
+    detector.update(replace(window, further=turned))
     assert detector.planar is planar
     assert (detector.normal is not None) is planar
 
