@@ -239,11 +239,15 @@ class Intake:
     @property
     def dropped(self) -> Counter[str]:
         """Unused messages, by cause."""
-        streams = [part.dropped for part in (self.merge, self._reorder, *self._reorder_imus.values())]
-        copies = [
-            each.dropped for each in (self._pose_copies, *self._imu_copies.values(), *self._joint_copies.values())
-        ]
-        return sum((*streams, *copies, self.stored_momentum.dropped), Counter(self._refused))
+        return sum(
+            (
+                *(self.merge.dropped, self._reorder.dropped, self.stored_momentum.dropped, self._pose_copies.dropped),
+                *(reorder.dropped for reorder in self._reorder_imus.values()),
+                *(copies.dropped for copies in self._imu_copies.values()),
+                *(copies.dropped for copies in self._joint_copies.values()),
+            ),
+            Counter(self._refused),
+        )
 
     def streams(
         self, messages: Mapping[str, Sequence[Any]]
