@@ -37,6 +37,7 @@ from mbaid_ros.core.odometry.faults import (
 )
 from mbaid_ros.core.odometry.model import parabolic_weights, total
 from mbaid_ros.core.odometry.stream import orientation_only, usable_covariance
+from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.robot.model import Kinematics, Link, PlaneDetector, RobotModel, express
 from mbaid_ros.core.robot.momentum import MomentumKernel, mobility_and_joint_momentum
 from mbaid_ros.core.samples import ArrayRecord, BaseStream, ImuStream, Samples, Stamps, stamps_of
@@ -390,7 +391,9 @@ def gyro(errors: GyroErrors | None) -> Gyro:
 
 def gyro_check(name: str = IMU, columns: slice = slice(0, 3)) -> RateCheck:
     """Return the check whether a gyro on the base turns as the poses do; arguments as of `GyroSensor`."""
-    return RateCheck(partial(_turn_of_gyro, columns=columns), partial(_gyro_error, name=name), 'conflict')
+    without = Repair('', {f'{name}.noise_density': 0.0})
+    motion, error = partial(_turn_of_gyro, columns=columns), partial(_gyro_error, name=name)
+    return RateCheck(motion, error, without, 'conflict')
 
 
 def _turn_of_gyro(window: Samples, columns: slice = slice(0, 3)) -> RateMotion | None:

@@ -354,6 +354,8 @@ class CandidateCauses:
         names = {each.cause: each.name for each in self.hypotheses if each.disturbed and each.repair is None}
         names |= {each.text: each.text.partition(':')[0] for each in found if each.vibrates}
         likely = {each.text for each in found if each.gain > max(WORTH, 0.5 * best)} | {leading}
+        if best <= WORTH:  # what drifts may lead before the next search
+            likely |= {each.cause for each in self.hypotheses if each.momentum > 0.0}
         likely &= names.keys()
         process = (yield from self._process(windows, point)) if likely else None
         return {} if process is None else {text: disturbance_repair(names[text], *process) for text in sorted(likely)}

@@ -21,7 +21,7 @@ from mbaid_ros.core.geometry import (
     rotation_from_quaternion,
 )
 from mbaid_ros.core.odometry.model import marker_text
-from mbaid_ros.core.repair import Conversion, PoseMeaning
+from mbaid_ros.core.repair import Conversion, PoseMeaning, Repair
 from mbaid_ros.core.results.verdict import Reason, Severity
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import ArrayRecord, Samples
@@ -94,6 +94,7 @@ class RateCheck:
     ----------
     motion : that a window shows; None where it has no such rate
     error : the wrong convention that motions of a misfit show, in words, and its gain in log-likelihood; empty if none
+    left_out : the repair without the rate, but for its cause
     severity : of the reason
     """
 
@@ -101,9 +102,10 @@ class RateCheck:
         self,
         motion: Callable[[Samples], RateMotion | None],
         error: Callable[[RateMotion, float], tuple[str, float]],
+        left_out: Repair,
         severity: Severity = 'note',
     ) -> None:
-        self._motion, self._error, self._severity = motion, error, severity
+        self._motion, self._error, self._left_out, self._severity = motion, error, left_out, severity
         self._seen: deque[RateMotion] = deque(maxlen=_KEPT_RATES)
         self._misfits: deque[float] = deque(maxlen=_KEPT_RATES)  # of each as it is read
 
@@ -120,7 +122,8 @@ class RateCheck:
         if len(self._seen) < _FEWEST_RATES or contradiction < CONTRADICTS:
             return None
         text, gain = self._error(RateMotion.concatenate(self._seen), contradiction)
-        return Reason(text, self._severity, gain) if text else None
+        repair = replace(self._left_out, cause=text.partition(':')[0])
+        return Reason(text, self._severity, gain, repair) if text else None
 
     def update(self, window: Samples) -> Reason | None:
         """Add a window, and return the contradiction that the latest ones show."""
@@ -130,7 +133,8 @@ class RateCheck:
 
 def twist_check() -> RateCheck:
     """Return the check whether the base's twist is the rate of its poses."""
-    return RateCheck(_twist_motion, lambda motion, misfit: likeliest(motion, misfit, _twist_meanings(motion)))
+    without = Repair('', conversion=Conversion(with_twist=False))
+    return RateCheck(_twist_motion, lambda motion, misfit: likeliest(motion, misfit, _twist_meanings(motion)), without)
 
 
 def likeliest(motion: RateMotion, contradiction: float, meanings: Meanings) -> tuple[str, float]:

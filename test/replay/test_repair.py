@@ -1,0 +1,70 @@
+"""What a replay says of repairs: in text, JSON and report, and in the parameter file that stands for them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from made_runs import estimate, run
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.config.parameter_files import load_parameter_file
+from mbaid_ros.core.repair import Conversion, Repair
+from mbaid_ros.parameters import build
+from mbaid_ros.replay.output import as_json, parameter_file
+from mbaid_ros.replay.report.page import html
+from mbaid_ros.replay.text import summary, verdict
+
+ZERO = Repair(
+    'the zero of joint4 is off by +30.2 ± 2.2 mrad',
+    {'known_joints.joint4.zero_std': 0.05},
+    value=0.0302,
+    std=0.0011,
+    unit='rad',
+)
+SIGN = Repair('the sign of joint3 is wrong', conversion=Conversion(factors={'joint3': -1.0}))
+SENTENCE = (
+    'repaired: the zero of joint4 is off by +30.2 ± 2.2 mrad (as if known_joints.joint4.zero_std were 0.05); the '
+    'inertia of link7 is identified'
+)
+
+
+def test_the_first_line_of_text_and_report_begins_with_the_repair() -> None:
+    made = run(estimate(repairs=(ZERO,)))
+    assert verdict(made) == SENTENCE
+    assert SENTENCE in summary(made).splitlines()[0]
+    assert f'R{SENTENCE[1:]}' in html([made])
+
+
+def test_the_json_has_the_repairs_and_none_without_any() -> None:
+    assert as_json(run(estimate()))['repairs'] == []
+    zero, sign = as_json(run(estimate(repairs=(ZERO, SIGN))))['repairs']
+    assert zero == {
+        'cause': 'the zero of joint4 is off by +30.2 ± 2.2 mrad',
+        'parameters': {'known_joints.joint4.zero_std': 0.05},
+        'value': 0.0302,
+        'std': 0.0011,
+        'unit': 'rad',
+        'since': None,
+    }
+    assert sign['parameters'] is None
+
+
+def test_the_parameter_file_has_what_the_repairs_stand_for(tmp_path: Path) -> None:
+    path = tmp_path / 'repaired.yaml'
+    path.write_text(parameter_file(run(estimate(repairs=(ZERO,)))), encoding='utf-8')
+    config = build(EstimatorConfig, load_parameter_file(path, 'estimator'))
+    assert config.known_joints.joints == {'joint4': {'zero_std': 0.05}}
+    assert not config.repair
+
+
+def test_a_contradicted_run_says_that_repair_would_take_its_cause_into_account() -> None:
+    final = estimate(status='inconsistent', causes=(('zero', 1000.0),), remedies={'zero': ZERO})
+    text = summary(run(final))
+    assert '--repair takes the leading cause into account (as if known_joints.joint4.zero_std were 0.05)' in text
+    unknown = estimate(status='inconsistent', causes=(('zero', 1000.0),))
+    assert '--repair' not in summary(run(unknown))
+
+
+def test_a_run_that_is_contradicted_all_the_same_says_what_was_tried() -> None:
+    text = verdict(run(estimate(status='inconsistent', repairs=(ZERO,))))
+    assert text.startswith('repaired: the zero of joint4')
+    assert 'all the same, the data contradict the model' in text
