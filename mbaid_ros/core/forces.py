@@ -400,7 +400,7 @@ class Thrusters(Unknown):
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
         """Return the momentum (P, L) that they have brought, which is subtracted to leave a constant."""
         del kernel
-        return -np.moveaxis(states.thrust, 1, 2).reshape(len(states.thrust), 6, -1)
+        return -np.moveaxis(states.thrust, 1, 2).reshape(len(states.thrust), 6, THRUSTER_ERRORS * len(self.frames))
 
     def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with these thrusters."""

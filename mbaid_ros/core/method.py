@@ -74,6 +74,7 @@ _TUMBLING = (
 )
 _WIDER = 30.0  # times the declared deviation, with which a thing that is further off is estimated for its repair
 _SETTLING = 2  # windows that a changing target may take: the next run begins as many later
+_PULSES = 1e3  # Hz
 _FEWEST = 3  # samples of a window, whose knots are too far apart with fewer
 _SPARSE = 'too few joint states for windows of {:g} s: read the joints more often, or set window to {:g} or more'
 _REPORTED = np.concatenate((BODY_PLACES, np.arange(MOMENTUM.start, MOMENTUM.stop)))  # (body, momentum) of the state
@@ -195,7 +196,8 @@ class TrajectoryEstimator:
             settings.noise,
             settings.window,
             orientation_measured=settings.orientation_measured,
-            fastest=kernel.springs.highest_frequency,
+            # Pulses of thrust that move a body without joints are as short as the time between two samples.
+            fastest=kernel.springs.highest_frequency if kernel.model.joints else _PULSES,
         )
         self.tasks = Tasks()
         self.run: Run | None = None
@@ -229,6 +231,8 @@ class TrajectoryEstimator:
             # Predict the twist, linearise, update every hypothesis, choose.
             has_prior = self._variables.has_body_prior or self._variables.previous_bias is not None
             joints_moved = knots.joints_moved or has_prior
+            # Known thrust moves a body without joints: its impulse over the change of the velocity is the mass.
+            joints_moved |= not self._kernel.model.joints and bool(np.any(window.impulse))
             run.add(ready, still_open, joints_moved=joints_moved)
             self._isolation.add_window(ready, window)
             self._last = window

@@ -14,7 +14,7 @@ from mbaid_ros.errors import ParameterError
 if TYPE_CHECKING:  # --help needs none of it
     from mbaid_ros.recordings.recording import Recording
 
-FORMATS = ('tudelft-throw', 'spot-2021', 'spot-2023', 'iss-mimic', 'csv')
+FORMATS = ('tudelft-throw', 'spot-2021', 'spot-2023', 'air-bearing-thrusters', 'iss-mimic', 'csv')
 # The format that an option is for.
 _OPTIONS = {
     'commands': 'spot-2021',
@@ -32,6 +32,8 @@ estimator.yaml, with parameters for replay, and truth.json.
   tudelft-throw *.BFL or CSV of TU Delft's throwing device: gyro, accelerometer and flywheel in free flight, no pose
   spot-2021     *__stitched.mat of Carleton University's SPOT: planar chaser, commanded arm, thrusters off
   spot-2023     ExpLog* of the same chaser: measured arm, thrusters on nearly always
+  air-bearing-thrusters
+                real_test_data.csv of a body on a table that eight thrusters move
   iss-mimic     folder with a day of the space station's telemetry: attitude, rates, gyros' torque, array joints
   csv           any table; --columns assigns its columns
 
@@ -82,6 +84,10 @@ def _read(arguments: argparse.Namespace) -> Recording:
         from mbaid_ros.recordings.throws import read_tudelft_throw  # noqa: PLC0415
 
         return read_tudelft_throw(arguments.log, arguments.object or '', dead_reckoned=bool(arguments.dead_reckon))
+    if arguments.format == 'air-bearing-thrusters':
+        from mbaid_ros.recordings.air_bearing import read_air_bearing_thrusters  # noqa: PLC0415
+
+        return read_air_bearing_thrusters(arguments.log)
     from mbaid_ros.recordings.spot import read_spot_2021, read_spot_2023  # noqa: PLC0415
 
     if arguments.format == 'spot-2023':

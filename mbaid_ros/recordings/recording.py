@@ -32,7 +32,7 @@ class Recording:
 
     joints: Joints | None = None
     poses: Poses | None = None
-    thrust: Thrust | None = None
+    thrust: Thrust | tuple[Thrust, ...] | None = None  # several, each of a frame of its own
     imu: Imu | None = None
     stored: StoredMomentum | None = None
     robot: str = ''  # URDF of the robot that was flown
@@ -93,6 +93,8 @@ def turned_about_z(angle: Array) -> Array:
 
 
 def _between(part: Any, begin: float, end: float) -> Any:
+    if isinstance(part, tuple):
+        return tuple(_between(each, begin, end) for each in part)
     inside = (part.time >= begin) & (part.time <= end)
     cut = {name: value[inside] for name, value in vars(part).items() if isinstance(value, np.ndarray)}
     return type(part)(**{**vars(part), **cut})
@@ -103,7 +105,8 @@ def _in_order(recording: Recording) -> list[tuple[int, str, Any]]:
 
     Raises DataError: A time cannot be a stamp.
     """
-    every = (recording.thrust, recording.imu, recording.stored, recording.poses, recording.joints)
+    thrust = recording.thrust if isinstance(recording.thrust, tuple) else (recording.thrust,)
+    every = (*thrust, recording.imu, recording.stored, recording.poses, recording.joints)
     parts = [part for part in every if part is not None]
     for part in parts:
         bad = ~((part.time >= 0.0) & (part.time < _LATEST))

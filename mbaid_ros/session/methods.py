@@ -62,8 +62,10 @@ def make_estimator(
         second = _trajectory(config, known, reporting, before)
         if config.disturbance.constant != 'none' or config.imu.alone or _has_varying_wrench(config):
             return second  # the first stage takes the momentum for constant, and needs poses
-        if config.flexible.joints or config.odometry.turning_std > 0.0:
-            return second  # nor does it know of joints that swing, or of a frame that turns
+        if config.flexible.joints or config.odometry.turning_std > 0.0 or not kernel.model.joints:
+            return (
+                second  # nor does it know of joints that swing or of a frame that turns; without joints nothing differs
+            )
         return TwoStageEstimator(_difference(config, known, reporting), second)
     return _paper(config, kernel)
 

@@ -549,11 +549,16 @@ class MultiStart:
         """
         kernel = self.batch.layout.kernel
         declared = float(self.batch.variables.mean[BODY.start])
-        parts = [part * float(np.sum(kernel.known[:, 0])) for part in _GUESSED_MASSES]
+        known = float(np.sum(kernel.known[:, 0])) or float(self.batch.variables.typical_momentum[0])
+        parts = [part * known for part in _GUESSED_MASSES]
         lengths = np.linalg.norm(kernel.model.positions, axis=1)
         length = float(np.sum(lengths)) * min(1.0, _LINKS / max(len(lengths), 1))
         guesses: list[Point] = []
         for mass in [declared] if declared > 0.0 else parts:
+            if not kernel.model.joints and kernel.target.parameters[0] > 0.0:  # nothing else tells of its size
+                body = kernel.target.parameters * mass / kernel.target.parameters[0]
+                guesses.append(layout.point(self._beginning(body, windows)))
+                continue
             ball = np.zeros(10)
             ball[0], ball[[4, 7, 9]] = mass, mass * (_GUESSED_RADIUS * max(length, 0.1)) ** 2
             guesses.append(layout.point(self._beginning(ball, windows)))

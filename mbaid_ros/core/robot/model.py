@@ -30,6 +30,7 @@ _PARALLEL = 1e-9  # by which the cosine of axes of one direction may differ from
 # Deviations of a window's mean, of all three axes together, from which the base leaves the plane: no noise does.
 _SIGNIFICANT = 6.0
 _OUT_OF_PLANE = 0.05  # rad/s, of a gyro alone: no bias is as large
+_LEAVING, _STAYS = 0.1, 0.01  # part of the motion in the plane, and m (N s), of what leaves it
 _INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 
 
@@ -364,6 +365,7 @@ class PlaneDetector:
         self.model = model
         self._axis = _common_axis(model)
         self._normal: Array | None = None
+        self._place: Array | None = None  # m, where a body without joints was first
         self.planar = self._axis is not None
 
     @property
@@ -392,7 +394,18 @@ class PlaneDetector:
         if np.isnan(tilt_std) and window.further.shape[1] and count > 1:
             turned = (window.further[-1, :3] - window.further[0, :3]) / (window.time[-1] - window.time[0])
             tilts = np.linalg.norm(turned - self._axis * (self._axis @ turned)) > _OUT_OF_PLANE
-        self.planar = not (tilts or turns_out)
+        self.planar = not (tilts or turns_out or (not self.model.joints and self._leaves(window)))
+
+    def _leaves(self, window: Samples) -> bool:
+        """Return whether a body without joints, whose axis is assumed, moves along it or is pushed so."""
+        assert self._normal is not None, 'there was a window before'
+        if self._place is None:
+            self._place = window.base_position[0]
+        across = np.eye(3) - np.outer(self._normal, self._normal)
+        vectors = np.concatenate((window.base_position - self._place, window.impulse[:, :3]))
+        inside = vectors @ across
+        inside, outside = (np.linalg.norm(each, axis=1).reshape(2, -1) for each in (inside, vectors - inside))
+        return bool(np.any(outside.max(axis=1) > _LEAVING * inside.max(axis=1) + _STAYS))
 
     def plane(self, link: Link) -> Plane | None:
         """Return the plane in a link's frame, None for a spatial motion."""
@@ -427,9 +440,12 @@ class PlaneDetector:
 
 
 def _common_axis(model: RobotModel) -> Array | None:
-    """Return the axis, in the base frame, that all joints turn about (or slide at right angles to), if there is one."""
+    """Return the axis, in the base frame, that all joints turn about (or slide at right angles to), if there is one.
+
+    A body without joints may be on a table: then it turns about z alone.
+    """
     if not model.joints:
-        return None
+        return np.array([0.0, 0.0, 1.0])
     kinematics = Kinematics(model)
     # Two postures: axes that happen to be parallel in one are not so in the other.
     angles = np.array([np.zeros(model.joints), np.linspace(0.3, 1.1, model.joints)])

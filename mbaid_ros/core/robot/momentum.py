@@ -453,10 +453,12 @@ class MomentumKernel:
 def unknown_scale(kernel: MomentumKernel) -> Array:
     """Return the (16,) typical sizes of (m, h, I_o, P_0, L_0), by which unknowns are scaled before anything is solved.
 
-    Mass and size of the known bodies set them; momentum is that of the whole moving at 1 m/s and 1 rad/s.
+    Mass and size of the known bodies set them, of the target where it is alone. Momentum is that of the
+    whole moving at 1 m/s and 1 rad/s.
     """
     bodies = kernel.model.body_parameters(without=kernel.target.name)
-    mass = max(float(np.sum(bodies[:, 0])), 1e-3)
+    # Of a single body nothing is known: it is about as heavy as described.
+    mass = max(float(np.sum(bodies[:, 0])) or float(kernel.target.parameters[0]), 1e-3)
     steps = np.concatenate((kernel.model.positions, kernel.target.position[None]))
     length = max(float(np.sum(np.linalg.norm(steps, axis=1))), 0.1)
     body = np.concatenate(([mass], np.full(3, mass * length), np.full(6, mass * length**2)))

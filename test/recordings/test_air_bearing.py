@@ -1,0 +1,41 @@
+"""`convert air-bearing-thrusters`: motion capture and thruster commands of a body without joints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from checked import answer
+from mbaid_ros.bags import BagReader
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.recordings.air_bearing import FORCES
+from mbaid_ros.recordings.convert import main
+
+HEAD = 'Step,Control_Time,Telemetry_X_mm,Telemetry_Z_mm,Telemetry_Yaw_deg,Command_Vector\n'
+
+
+def log(folder: Path, command: str = '[1, 0, 1, 0, 0, 0, 0, 0]') -> list[str]:
+    rows = ''.join(f'{k},{0.06 * k:.2f},{1000 + k},-200,179.9,"{command}"\n' for k in range(20))
+    (folder / 'run.csv').write_text(HEAD + rows)
+    return ['air-bearing-thrusters', str(folder / 'run.csv'), '--output', str(folder / 'bag')]
+
+
+def test_poses_and_commands_become_messages(tmp_path: Path) -> None:
+    assert main(log(tmp_path)) == 0
+    with BagReader(tmp_path / 'bag') as bag:
+        read = list(bag.read(['/odom', '/thrust', '/joint_states']))
+    poses = [message for topic, message, _ in read if topic == '/odom']
+    assert len(poses) == 20
+    assert (poses[3].pose.pose.position.x, poses[3].pose.pose.position.y) == pytest.approx((1.003, -0.2))
+    thrust = [message for topic, message, _ in read if topic == '/thrust']
+    assert {message.header.frame_id for message in thrust} == {'thruster1', 'thruster3'}
+    assert len(thrust) == 6  # at the begin, and again every 0.48 s
+    assert {message.wrench.force.x for message in thrust} == {FORCES[0], FORCES[2]}
+    assert load_model((tmp_path / 'bag' / 'robot.urdf').read_text()).joints == 0
+    assert '23.09' in (tmp_path / 'bag' / 'truth.json').read_text()
+
+
+@pytest.mark.parametrize('command', ['[1, 0]', '[2, 0, 1, 0, 0, 0, 0, 0]', 'on'])
+def test_other_commands_are_one_line(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert 'has a row that is none of such a run' in answer(main, capsys, *log(tmp_path, command), code=2)
