@@ -74,7 +74,7 @@ class Tasks:
         done : takes its outcome over
         size : of the state; steps of a large one count more
         steps : budget until the next window
-        due : whether that window needs them; else `require` says when the outcome is needed
+        due : whether that window needs them; otherwise `require` sets when the outcome is needed
         """
         self._tasks[kind] = _Task(work, done, 1 + size // _STATE_SIZE, steps, due)
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from checked import same, some
-from mbaid_ros.core import streams
+from mbaid_ros.core import pipeline
 from mbaid_ros.core.geometry import Array, log
 from mbaid_ros.core.pipeline import NO_ODOMETRY, ODOMETRY_GAP, OUT_OF_ORDER, Synchroniser
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise, Stamps
@@ -142,7 +142,7 @@ def test_joints_that_arrive_long_after_their_odometry_are_used() -> None:
 
 
 def test_what_waits_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(streams, 'LARGEST_BACKLOG', 100)
+    monkeypatch.setattr(pipeline, 'LARGEST_BACKLOG', 100)
     samples = Synchroniser(1.0)
     for begin in range(10):
         assert samples.push(joint_stream(every(10.0, 50, first=500.0 * begin)), None) is None

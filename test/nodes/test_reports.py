@@ -20,7 +20,7 @@ from graph import PATIENCE, Graph, executable
 from made_runs import BODY, HOSTILE, budget, estimate, planar
 from mbaid_ros.core.results.noise_levels import SensorLevels
 from mbaid_ros.estimate_messages import Frames, estimate_message
-from mbaid_ros.nodes import diagnostics
+from mbaid_ros.nodes import diagnostics, publishers
 from mbaid_ros.nodes.diagnostics import ERROR, OK, Diagnostics, RunState, estimate_report
 from mbaid_ros.nodes.publishers import RunLog, headline
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES
@@ -131,7 +131,7 @@ def test_the_noise_that_counts_is_reported_first() -> None:
 
 def test_a_wait_is_logged_once_for_each_reason(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
     narrator = RunLog(log)
-    monkeypatch.setattr(diagnostics, 'monotonic', lambda: np.inf)
+    monkeypatch.setattr(publishers, 'monotonic', lambda: np.inf)
     for reason in ('nothing publishes it', 'nothing publishes it', 'remap by -r pose:=/mocap/pose'):
         narrator.waiting([reason])
     assert log.at('warning') == ['waiting for nothing publishes it', 'waiting for remap by -r pose:=/mocap/pose']

@@ -194,7 +194,7 @@ relaxed = settings(
     ],
 )
 def test_any_stream_leads_to_finite_numbers(method: str, examples: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('mbaid_ros.core.filter.initialisation.FIRST', 2)
+    monkeypatch.setattr('mbaid_ros.core.filter.run.FIRST', 2)
 
     @settings(relaxed, max_examples=examples)
     @given(

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core import clocks, forces, gyro, orbit, wheels
 from mbaid_ros.core.forces import DisturbanceModel
+from mbaid_ros.core.odometry import model as odometry
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.wheels import storage
 from mbaid_ros.parameters import build
-from mbaid_ros.session import catalogue, session
+from mbaid_ros.session import catalogue, methods, session
 from mbaid_ros.session.methods import make_reporting
 from mbaid_ros.session.planning import plan_settings
 from mbaid_ros.session.session import Session
@@ -44,29 +46,29 @@ def argument(module: Any, name: str, key: str, parameters: dict[str, object]) ->
         ('noise.estimate', True, {}, session, 'NoiseEstimator', 'estimate', True),
         ('noise.trust_declared', True, {}, session, 'NoiseEstimator', 'trusted', True),
         ('thrust.frames', ['link2'], {}, session, 'Thrust', 'uncertain', ('link2',)),
-        ('capture.detect', True, BEFORE, catalogue, 'CaptureEstimator', 'detect', True),
-        ('disturbance.constant', 'body', {}, catalogue, 'hypotheses', 'constant', 'body'),
-        ('momentum.linear_prior_std', 0.1, {}, catalogue, 'DifferenceSettings', 'linear_momentum_std', 0.1),
-        ('paper.forgetting_factor', 0.9, PAPER, catalogue, 'PaperSettings', 'forgetting_factor', 0.9),
-        ('paper.initial_covariance', 1e3, PAPER, catalogue, 'PaperSettings', 'initial_covariance', 1e3),
-        ('paper.reference', 'first', PAPER, catalogue, 'PaperSettings', 'reference', 'first'),
-        ('paper.lag', 5, PAPER, catalogue, 'PaperSettings', 'lag', 5),
-        ('orbit.twist', 'inertial', LVLH, catalogue, 'FallingFrame', 'relative_twist', False),
-        ('orbit.epoch', 12.5, ORBIT, catalogue, 'FallingFrame', 'epoch', 12_500_000_000),
-        ('imu.cross_axis_std', 0.02, {'imu.noise_density': 1e-4}, catalogue, 'GyroErrors', 'cross', 0.02),
-        ('imu.bias_walk', 1e-5, {'imu.noise_density': 1e-4}, catalogue, 'GyroErrors', 'walk', 1e-5),
+        ('capture.detect', True, BEFORE, methods, 'CaptureEstimator', 'detect', True),
+        ('disturbance.constant', 'body', {}, methods, 'hypotheses', 'constant', 'body'),
+        ('momentum.linear_prior_std', 0.1, {}, methods, 'DifferenceSettings', 'linear_momentum_std', 0.1),
+        ('paper.forgetting_factor', 0.9, PAPER, methods, 'PaperSettings', 'forgetting_factor', 0.9),
+        ('paper.initial_covariance', 1e3, PAPER, methods, 'PaperSettings', 'initial_covariance', 1e3),
+        ('paper.reference', 'first', PAPER, methods, 'PaperSettings', 'reference', 'first'),
+        ('paper.lag', 5, PAPER, methods, 'PaperSettings', 'lag', 5),
+        ('orbit.twist', 'inertial', LVLH, orbit, 'FallingFrame', 'relative_twist', False),
+        ('orbit.epoch', 12.5, ORBIT, orbit, 'FallingFrame', 'epoch', 12_500_000_000),
+        ('imu.cross_axis_std', 0.02, {'imu.noise_density': 1e-4}, gyro, 'GyroErrors', 'cross', 0.02),
+        ('imu.bias_walk', 1e-5, {'imu.noise_density': 1e-4}, gyro, 'GyroErrors', 'walk', 1e-5),
         ('momentum.linear_prior_std', 0.1, {}, catalogue, 'Declared', 'linear_momentum', 0.1),
-        ('time_offset.estimate', False, {}, catalogue, 'time_offset', 'deviation', 0.0),
-        ('time_offset.prior_std', 0.1, {}, catalogue, 'time_offset', 'deviation', 0.1),
-        ('time_offset.drift_std', 1e-4, {}, catalogue, 'clock_drift', 'deviation', 1e-4),
-        ('odometry.scale_std', 0.01, {}, catalogue, 'odometry_scale', 'deviation', 0.01),
-        ('odometry.turning_std', 1e-3, {}, catalogue, 'odometry_turning', 'deviation', 1e-3),
-        ('odometry.angular_velocity_bias_std', 1e-3, {}, catalogue, 'twist_bias', 'angular', 1e-3),
-        ('disturbance.torque_std', 0.02, {}, catalogue, 'disturbances', 'torque', DisturbanceModel(0.02)),
-        ('disturbance.torque_time', 30.0, TORQUE, catalogue, 'disturbances', 'torque', DisturbanceModel(0.1, 30.0)),
-        ('disturbance.force_std', 0.02, {}, catalogue, 'disturbances', 'force', DisturbanceModel(0.02)),
-        ('disturbance.force_time', 30.0, FORCE, catalogue, 'disturbances', 'force', DisturbanceModel(0.1, 30.0)),
-        ('wheels.spin_inertia_relative_std', 0.1, WHEEL, catalogue, 'spin_inertias', 'deviations', (0.2,)),
+        ('time_offset.estimate', False, {}, clocks, 'time_offset', 'deviation', 0.0),
+        ('time_offset.prior_std', 0.1, {}, clocks, 'time_offset', 'deviation', 0.1),
+        ('time_offset.drift_std', 1e-4, {}, clocks, 'clock_drift', 'deviation', 1e-4),
+        ('odometry.scale_std', 0.01, {}, odometry, 'odometry_scale', 'deviation', 0.01),
+        ('odometry.turning_std', 1e-3, {}, odometry, 'odometry_turning', 'deviation', 1e-3),
+        ('odometry.angular_velocity_bias_std', 1e-3, {}, odometry, 'twist_bias', 'angular', 1e-3),
+        ('disturbance.torque_std', 0.02, {}, forces, 'disturbances', 'torque', DisturbanceModel(0.02)),
+        ('disturbance.torque_time', 30.0, TORQUE, forces, 'disturbances', 'torque', DisturbanceModel(0.1, 30.0)),
+        ('disturbance.force_std', 0.02, {}, forces, 'disturbances', 'force', DisturbanceModel(0.02)),
+        ('disturbance.force_time', 30.0, FORCE, forces, 'disturbances', 'force', DisturbanceModel(0.1, 30.0)),
+        ('wheels.spin_inertia_relative_std', 0.1, WHEEL, wheels, 'spin_inertias', 'deviations', (0.2,)),
     ],
 )
 def test_a_parameter_reaches_its_setting(  # noqa: PLR0917 - a row of the table
@@ -77,8 +79,8 @@ def test_a_parameter_reaches_its_setting(  # noqa: PLR0917 - a row of the table
 
 
 def test_an_orbit_that_is_not_declared() -> None:
-    assert argument(catalogue, 'gravity', 'rate', {}) == 1.2e-3
-    assert argument(catalogue, 'gravity', 'rate', {'orbit.undeclared_rate': 5e-4}) == 5e-4
+    assert argument(orbit, 'gravity', 'rate', {}) == 1.2e-3
+    assert argument(orbit, 'gravity', 'rate', {'orbit.undeclared_rate': 5e-4}) == 5e-4
 
 
 def test_the_noise_of_a_published_momentum() -> None:

@@ -1,4 +1,4 @@
-"""The robot description as a document: its limits, its tree of links and joints, and what is refused in it."""
+"""The robot description as a document: its limits, its tree of links and joints, and what a robot may not have."""
 
 from __future__ import annotations
 
