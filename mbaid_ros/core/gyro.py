@@ -36,7 +36,7 @@ from mbaid_ros.core.odometry.faults import (
     turn_between,
 )
 from mbaid_ros.core.odometry.model import parabolic_weights, total
-from mbaid_ros.core.odometry.stream import orientation_only, usable_covariance
+from mbaid_ros.core.odometry.stream import QUATERNION_TOLERANCE, orientation_only, usable_covariance
 from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.robot.model import Kinematics, Link, PlaneDetector, RobotModel, express
 from mbaid_ros.core.robot.momentum import MomentumKernel, mobility_and_joint_momentum
@@ -66,7 +66,6 @@ IMU_NOT_REAL = 'IMU: angular velocity beyond anything real'
 IMU_WITHOUT_RATE = 'IMU: the angular velocity is marked as not measured (covariance -1)'
 IMU_BAD_QUATERNION = 'IMU: orientation is no unit quaternion'
 _LARGEST = 1e4  # rad/s: no gyro measures as much
-_QUATERNION_TOLERANCE = 0.1
 _IMU_DELAY_STD = 5e-3  # s, of stamps that a driver sets on arrival: half a period at 100 Hz
 
 
@@ -608,7 +607,7 @@ class ImuReader:
         covariance = np.array([each for _, each in given], dtype=float).reshape(-1, 3, 3)
         present: Flags = covariance[:, 0, 0] != -1.0  # REP 145
         with np.errstate(over='ignore', invalid='ignore'):
-            unit = np.abs(np.sqrt(np.sum(quaternion**2, axis=1)) - 1.0) < _QUATERNION_TOLERANCE
+            unit = np.abs(np.sqrt(np.sum(quaternion**2, axis=1)) - 1.0) < QUATERNION_TOLERANCE
         dropped[IMU_BAD_QUATERNION] += int(np.sum(present & ~unit))
         good = present & unit
         rotation: Array = np.full((len(kept), 3, 3), np.nan)

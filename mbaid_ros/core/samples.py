@@ -29,7 +29,7 @@ ENCAPSULATION = b'\x00\x01'  # plain CDR, little-endian
 _BODY = 4  # where the message begins
 _HEADER = 12  # where the message goes on after its stamp
 _SPARE = 3  # bytes that may follow a message: it is padded to a multiple of four
-_MOST_NAMES = 10_000
+MOST_NAMES = 10_000  # names of a message: no robot has as many joints
 _LONGEST_HEAD = 100_000  # bytes: layouts are kept, with their constant parts
 _length = struct.Struct('<I').unpack_from
 _MOST_LAYOUTS = 64  # that are remembered of a topic
@@ -391,7 +391,7 @@ class Cursor:
     def strings(self) -> tuple[str, ...]:
         """Return the texts that come next, after their number."""
         count = self.length()
-        if count > _MOST_NAMES:
+        if count > MOST_NAMES:
             raise MisfitError
         return tuple(self.string() for _ in range(count))
 

@@ -16,6 +16,7 @@ from mbaid_ros.core.samples import (
     JOINT_MISSING,
     JOINT_STATE_TYPE,
     LENGTH_MISMATCH,
+    MOST_NAMES,
     NAMED_TWICE,
     NOT_FINITE,
     NOT_REAL,
@@ -45,7 +46,6 @@ _GOES_ON = 1_000_000_000  # ns, that messages with all joints may pause
 _NEVER = -(1 << 62)  # ns
 _AT_REST = 10  # times the longest interpolated interval, that such messages may be apart
 Joints = tuple[int, ...]  # indices in the model
-_MOST_NAMES = 10_000
 _LARGEST_JOINT = 1e6  # rad, m
 _LARGEST_VELOCITY = 1e6  # m/s, rad/s
 _NOWHERE = np.zeros(0, dtype=np.intp)
@@ -466,14 +466,14 @@ class JointReader:
 
     def _layout(self, key: tuple[str, ...]) -> _Layout:
         """Return which joints a message with certain names holds, and where."""
-        if len(key) > _MOST_NAMES:
+        if len(key) > MOST_NAMES:
             return _Layout((), _NOWHERE, TOO_MANY_NAMES)
         known = self._layouts.get(key)
         if known is None:
             if len(self._layouts) > 64:
                 self._layouts.clear()
             known = self._layouts[key] = self._laid_out(key)
-            if len(self.heard) < _MOST_NAMES:
+            if len(self.heard) < MOST_NAMES:
                 self.heard.update(dict.fromkeys(key))
         if len(known.joints) < len(self._names) - len(self._passive):
             self.unknown = key

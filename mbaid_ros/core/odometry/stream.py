@@ -60,12 +60,12 @@ POSE = (
 )
 _POSE, _TWIST = slice(0, 7), slice(43, 49)  # in the numbers of an Odometry: pose, covariance, twist, covariance
 _POSE_COVARIANCE, _TWIST_COVARIANCE = slice(7, 43), slice(49, 85)
-_NUMBERS = 85
-_NO_TWIST = (np.nan,) * 6
+_NUMBERS = 85  # of an Odometry: pose 7 and twist 6, with a covariance of 36 each
+_NO_TWIST = (np.nan,) * 6  # of poses alone
 _NOT_SET = np.zeros(36)
 _LARGEST_POSITION = 1e12  # m: beyond the planets
 _LARGEST_VELOCITY = 1e6  # m/s, rad/s
-_QUATERNION_TOLERANCE = 0.1
+QUATERNION_TOLERANCE = 0.1  # of the length of a quaternion from 1: rounding is far below, a wrong field far above
 _REMEMBERED = 5  # frames
 _FIELDS = {'position of the base': slice(0, 3), 'orientation of the base': slice(3, 7)}  # columns of an Odometry
 _Columns = tuple[Stamps, Array, Array, Array]
@@ -491,7 +491,7 @@ class OdometryReader:
         finite_pose = finite & ~lost
         with np.errstate(over='ignore', invalid='ignore'):
             length = np.sqrt(np.sum(numbers[:, 3:7] ** 2, axis=1))
-            unit = np.abs(length - 1.0) < _QUATERNION_TOLERANCE
+            unit = np.abs(length - 1.0) < QUATERNION_TOLERANCE
             real = np.all(np.abs(numbers[:, :3]) < _LARGEST_POSITION, axis=1)
         dropped[NOT_FINITE] += int(np.sum(~finite))
         dropped[BAD_QUATERNION] += int(np.sum(finite_pose & ~unit))
