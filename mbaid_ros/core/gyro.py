@@ -116,6 +116,12 @@ class GyrosConfig:
     """Further gyros, each an Imu on the topic of its name; gyros.<name>.noise_density is needed."""
     each: Mapping[str, Mapping[str, Any]] = by_name(GyroConfig, 'name')
 
+    @property
+    def without_frames(self) -> GyrosConfig:
+        """The same gyros on any robot."""
+        each = {name: {key: value for key, value in own.items() if key != 'frame'} for name, own in self.each.items()}
+        return GyrosConfig(self.names, each)
+
 
 def declared_gyros(imu: ImuConfig, further: GyrosConfig) -> dict[str, GyroConfig]:
     """Return the gyros in use by the names of their parameters: imu, gyros.arm; the topic is the last part.

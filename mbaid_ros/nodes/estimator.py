@@ -118,6 +118,7 @@ class EstimatorNode(Node):
             return
         # Names of links, and files of a robot, can only be checked with the robot.
         config = replace(self._config, base_link='', target_link='', debris=DebrisConfig())
+        config = replace(config, imu=replace(config.imu, frame=''), gyros=config.gyros.without_frames)
         Session(replace(config, known_links=KnownLinksConfig(), continue_from=''), _ANY_ROBOT)
 
     def _on_description(self, message: String) -> None:
