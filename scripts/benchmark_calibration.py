@@ -108,9 +108,9 @@ def _with(robot: RobotModel, found: Calibration) -> RobotModel:
     return displaced(replace(robot, links=tuple(links)), *found.displacements)
 
 
-def _momentum(side: NominalModel, samples: Samples) -> Array:
+def _momentum(nominal: NominalModel, samples: Samples) -> Array:
     """Return mean squares of linear and angular momentum about its mean, which a robot has by its readings."""
-    samples, kernel = side.corrected(samples), side.kernel
+    samples, kernel = nominal.corrected(samples), nominal.kernel
     states = kernel.states(samples)
     momentum = states.known_momentum + (states.regressor @ kernel.target.parameters)
     momentum[:, 3:] += cross(samples.base_position, momentum[:, :3])
@@ -133,9 +133,9 @@ def _continued(cad: RobotModel, found: Calibration) -> tuple[MomentumKernel, Dec
     """Return a robot after its calibration, and its declaration, as the files of `calibrate` have them."""
     robot = _with(cad, found)
     links = tuple(robot.link(name) for name in LINKS)
-    side = CalibratedModel(links, found.joints[:, 0], found.mount, found.block_covariance)
+    nominal = CalibratedModel(links, found.joints[:, 0], found.mount, found.block_covariance)
     kernel = MomentumKernel(robot, 'link7')
-    kernel, unknowns, known = side.with_kernel(kernel, _uncertain(kernel).unknowns)
+    kernel, unknowns, known = nominal.with_kernel(kernel, _uncertain(kernel).unknowns)
     return kernel, Declared(unknowns, joint_prior=known)
 
 

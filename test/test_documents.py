@@ -20,7 +20,7 @@ from made_runs import run
 from mbaid_ros import limits
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.parameters import METHODS, specifications
-from mbaid_ros.replay.output import as_json
+from mbaid_ros.replay.json_output import as_json
 
 LINK = re.compile(r'\]\((?!https?:)([^)#\s]*)(?:#([^)\s]*))?\)')
 EQUATION = re.compile(r'^(?:    .*\S  +\(|.*\\tag\{)(\d+)[)}]$', re.MULTILINE)

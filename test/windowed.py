@@ -31,7 +31,7 @@ def window_of(samples: Samples, spacing: float, correlation_time: float = 0.0) -
     first, last = np.searchsorted(samples.time, [begin - 1e-6, begin + count * spacing - 1e-6])
     knots = averages([samples[int(first) : int(last)]], np.array([begin]), spacing, count, np.zeros(3))
     noise = WindowNoise(round(LENGTH * 100), JOINT, np.eye(6) * 1e-30, np.eye(6) * 1e-30, correlation_time)
-    return Window(knots, slice(BEFORE, count - AFTER), spacing, noise, START, fresh=False)
+    return Window(knots, slice(BEFORE, count - AFTER), spacing, noise, START, after_gap=False)
 
 
 def residuals(model: WindowModel, x: Array) -> tuple[Array, Array, Array]:
@@ -59,7 +59,7 @@ def joint_window(positions: Array, start: float) -> Window:
     twist, times = np.zeros((length, 6)), np.zeros(length)
     knots = Knots(positions, turns, there, twist, times, times, twist, nothing, nothing, nothing, there, nothing)
     noise = WindowNoise(100, 1e-4, np.eye(6), np.eye(6))
-    return Window(knots, slice(BEFORE, length - AFTER), SPACING, noise, start, fresh=False)
+    return Window(knots, slice(BEFORE, length - AFTER), SPACING, noise, start, after_gap=False)
 
 
 UNKNOWNS = 3  # of the known side
@@ -102,7 +102,7 @@ def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
             pose=(joints := rng.normal(size=(6, 3))),
             by_unknowns=rng.normal(size=(6, NUMBERS, 3)),
             stored=np.zeros((6, 0)),
-            by_process_steps=np.zeros((6, 0)),
+            process_gain=np.zeros((6, 0)),
             process_variance=np.zeros(0),
         ),
         joints_in_rates=joints,

@@ -13,7 +13,7 @@ import numpy as np
 
 from mbaid_ros.core.contracts import UNDISTURBED, in_stacks
 from mbaid_ros.core.filter.gaussian import SquareRootInformation, update
-from mbaid_ros.core.filter.hypotheses import is_converged, turns_back
+from mbaid_ros.core.filter.hypotheses import is_converged, reverses
 from mbaid_ros.core.filter.linearise import LinearisationCache, WhitenedWindow
 from mbaid_ros.core.filter.time_update import advance, at_window_start, new_motion
 from mbaid_ros.core.geometry import Array
@@ -21,7 +21,7 @@ from mbaid_ros.core.gyro import angular_momentum
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.state import BODY, MOMENTUM, Declared, Layout, Point, Variables, layout_of, near_part, variables
+from mbaid_ros.core.state import BODY, MOMENTUM, Declared, Layout, Point, Variables, layout_of, trust_region, variables
 from mbaid_ros.core.windows import KnotAveraging, Window
 
 _ITERATIONS = 24  # at most: Gauss-Newton steps, halved where they turn back
@@ -157,11 +157,11 @@ def _iterate(motions: Sequence[Motion], common: Array, momenta: Array) -> Calibr
                 raise
             return result  # the step has led to where nothing can be linearised
         step, deviation = _step(motions[0].variables, iteration, common)
-        near = near_part(*(np.concatenate((np.zeros(6), each)) for each in (common, step)))
+        near = trust_region(*(np.concatenate((np.zeros(6), each)) for each in (common, step)))
         part = min(_part_with_mass(layout, common, step), near)
         sizes = np.array([np.sqrt(np.sum(factor**2, axis=1)) for factor in iteration.momentum_factors])
         converged = is_converged(step, deviation) and is_converged(iteration.momenta - momenta, sizes) and part == 1.0
-        pace = 0.5 * pace if turns_back(step, before, deviation) else min(1.0, 1.5 * pace)
+        pace = 0.5 * pace if reverses(step, before, deviation) else min(1.0, 1.5 * pace)
         part *= pace
         common, momenta, before = common + part * step, momenta + part * (iteration.momenta - momenta), step
         result = CalibrationSolution(iteration, converged, common, momenta)
@@ -192,7 +192,7 @@ def _part_with_mass(layout: Layout, common: Array, step: Array) -> float:
     body = layout.kernel.target.body
     for _ in range(_HALVINGS):
         there = common + part * step
-        masses = point_of(layout, there, np.zeros(6), np.zeros(len(there))).side.kernel.known[:, 0].copy()
+        masses = point_of(layout, there, np.zeros(6), np.zeros(len(there))).nominal.kernel.known[:, 0].copy()
         masses[body] += there[0]
         before = layout.kernel.known[:, 0].copy()
         before[body] += common[0]

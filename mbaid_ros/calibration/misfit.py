@@ -59,7 +59,7 @@ class Misfit:
         places = [
             np.arange(place.start, place.stop) - BODY.stop + first
             for unknown, place in zip(layout.unknowns, layout.places, strict=True)
-            if not unknown.in_readings and not unknown.changes_momentum
+            if not unknown.of_measurement and not unknown.changes_momentum
         ]
         return np.concatenate((np.arange(first), *places))
 

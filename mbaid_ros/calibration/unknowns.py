@@ -16,13 +16,13 @@ from scipy.linalg import block_diag
 
 from mbaid_ros.calibration.iteration import CalibrationIteration
 from mbaid_ros.core.contracts import Unknown
-from mbaid_ros.core.filter.posterior import PriorScaleFactors
+from mbaid_ros.core.filter.posterior import VarianceComponents
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joints.model import JointPlacements
 from mbaid_ros.core.links import links_to_bodies, masses
 from mbaid_ros.core.method import estimates_of
 from mbaid_ros.core.odometry.model import OdometryMount
-from mbaid_ros.core.passive.joints import SpringErrors, passive_joints, resolved
+from mbaid_ros.core.passive.model import SpringErrors, passive_joints, resolved
 from mbaid_ros.core.results.estimate import PassiveJoint
 from mbaid_ros.core.robot.model import Link, PlaneDetector
 from mbaid_ros.core.robot.momentum import (
@@ -81,14 +81,14 @@ class StandardNormals:
         return replace(self, gaussian=UnknownsPrior(back @ (iteration.mean - before), factor))
 
     @cached_property
-    def prior_scales(self) -> PriorScaleFactors:
+    def prior_scales(self) -> VarianceComponents:
         """Prior scale factors of the numbers, kind by kind."""
         first = self.prior.links[0].name
         causes = [f'link:{first}'] * 10
         causes += [cause for unknown in self.unknowns for cause in unknown.causes]
         parts = [*masses([first], self.prior.roots[0]), *(part for unknown in self.unknowns for part in unknown.parts)]
         factor = self.gaussian.factor
-        return PriorScaleFactors.from_posterior(self.gaussian.mean, factor @ factor.T, causes, parts)
+        return VarianceComponents.from_posterior(self.gaussian.mean, factor @ factor.T, causes, parts)
 
     def with_scaled_prior(self) -> StandardNormals:
         """Return the Gaussian with a scaled prior (trajectory.md, eq. 7); unobserved directions stay."""
@@ -102,7 +102,7 @@ class StandardNormals:
     @property
     def of_the_robot(self) -> UnknownsPrior:
         """Mean and covariance of links, joints, mount, wheels and thrusters: all but the sensors."""
-        of_the_run = (each for each in self.unknowns if each.in_readings and not each.calibrated)
+        of_the_run = (each for each in self.unknowns if each.of_measurement and not each.calibrated)
         count = len(self.gaussian.mean) - sum(unknown.count for unknown in of_the_run)
         return UnknownsPrior(self.gaussian.mean[:count], self.gaussian.factor[:count])
 

@@ -15,7 +15,7 @@ from mbaid_ros.core.joints.model import KnownJointsConfig
 from mbaid_ros.core.links import KnownLinksConfig
 from mbaid_ros.core.odometry.model import TWIST_FRAMES, MarkerConfig, OdometryConfig, OdometryMountConfig, PoseConfig
 from mbaid_ros.core.orbit import OrbitConfig
-from mbaid_ros.core.passive.joints import FlexibleConfig
+from mbaid_ros.core.passive.model import FlexibleConfig
 from mbaid_ros.core.results.noise_levels import CHANNELS, TYPICAL
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.target import DebrisConfig, MomentumConfig, TargetPriorConfig

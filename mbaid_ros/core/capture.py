@@ -225,13 +225,13 @@ class CaptureEstimator:
 
     def _with_tide_since_capture(self, window: Samples) -> Samples:
         """Return a window with the orbit's momentum since the capture only: the captured body was not there before."""
-        if self._last_before is None or not window.tide.shape[1]:
+        if self._last_before is None or not window.gravity_columns.shape[1]:
             return window
-        return replace(window, tide=window.tide - self._last_before.tide)
+        return replace(window, gravity_columns=window.gravity_columns - self._last_before.gravity_columns)
 
     def _tide_before_capture(self) -> Array:
         """Return the orbit's momentum of the robot alone until the capture, (6,)."""
-        if self._last_before is None or not self._last_before.tide.shape[1]:
+        if self._last_before is None or not self._last_before.gravity_columns.shape[1]:
             return np.zeros(6)
         return momentum_change(self._last_before, self._robot_parameters()) - self._last_before.impulse[-1]
 

@@ -46,7 +46,7 @@ class TimeOffset(Unknown):
             deviation=lambda _, value: f'the joints are stamped {1e3 * np.sum(value):+.3g} ms late: check the stamps',
         )
     }
-    in_readings = True
+    of_measurement = True
     in_equations = False  # of the measured motion at one instant
 
     def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
@@ -69,9 +69,9 @@ class TimeOffset(Unknown):
         """Return the delay that the joints are taken later by: none, unless it is clearly one."""
         return np.where(np.abs(value) > _CLEAR * deviation, value, 0.0)
 
-    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, nominal: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with this delay."""
-        return replace(side, delay=side.delay + float(value[0]))
+        return replace(nominal, delay=nominal.delay + float(value[0]))
 
 
 def time_offset(deviation: float) -> TimeOffset:

@@ -119,7 +119,7 @@ class Unknown:
     words: ClassVar[Mapping[str, Words]] = {}
     # Whether the sensors' readings depend on it. Windows that follow each other then share its linearisation point: the
     # pose error that links them is about the readings.
-    in_readings = False
+    of_measurement = False
     # Whether the momentum of the robot that moves as measured depends on it.
     in_equations = True
     # Whether it changes the momentum with time.
@@ -270,7 +270,7 @@ class Unknown:
         del mean, covariance
         return None
 
-    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, nominal: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with this value (k,)."""
         raise NotImplementedError
 
@@ -292,7 +292,7 @@ class Unknown:
 class Linear(Unknown):
     """An unknown, mostly of the readings, that enters the measurement linearly: windows need no relinearisation."""
 
-    in_readings = True
+    of_measurement = True
     in_equations = False
 
     def linearisation_value(self, value: Array, deviation: Array) -> Array:
@@ -300,10 +300,10 @@ class Linear(Unknown):
         del deviation
         return np.zeros_like(value)
 
-    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, nominal: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model as it is."""
         del value
-        return side
+        return nominal
 
 
 def diagonal(deviations: Sequence[float] | Array) -> Array:
@@ -424,23 +424,23 @@ class Stack:
         """The motion midway between all knots as measured, (J - 1, B, ...)."""
         return midpoints(self.knots, self.windows[0].spacing)
 
-    def motion(self, side: NominalModel, beside: int = 1) -> tuple[Midpoints, slice]:
+    def motion(self, nominal: NominalModel, beside: int = 1) -> tuple[Midpoints, slice]:
         """Return the motion as a nominal model corrects it, with intervals `beside` it, and the own part."""
-        if side.mount.any():
-            middle = midpoints(at_the_base(self.knots, side.mount), self.windows[0].spacing)
-        elif side.gyro.any() and self.knots.course.shape[-1]:
-            middle = midpoints(_turned_back(self.knots, side.gyro), self.windows[0].spacing)
+        if nominal.mount.any():
+            middle = midpoints(at_the_base(self.knots, nominal.mount), self.windows[0].spacing)
+        elif nominal.gyro.any() and self.knots.attitude_sensitivity.shape[-1]:
+            middle = midpoints(_turned_back(self.knots, nominal.gyro), self.windows[0].spacing)
             read = rotate_back(middle.base_rotation, middle.turn / self.windows[0].spacing)
-            bias, scale, turn, shared = side.gyro.reshape(4, 3)
+            bias, scale, turn, shared = nominal.gyro.reshape(4, 3)
             errors = bias + scale * read + cross(read, np.broadcast_to(turn, read.shape)) + crossed(read) @ shared
             own, others = np.split(middle.further, [3], axis=-1)
             middle = replace(middle, further=np.concatenate((own - errors, others), axis=-1))
         else:
             middle = self.middle
-        if side.delay != 0.0:
-            middle = with_joints_later(middle, side.delay, self.windows[0].spacing)
-        if side.zeros.any():
-            middle = replace(middle, joint_position=middle.joint_position + side.zeros)
+        if nominal.delay != 0.0:
+            middle = with_joints_later(middle, nominal.delay, self.windows[0].spacing)
+        if nominal.zeros.any():
+            middle = replace(middle, joint_position=middle.joint_position + nominal.zeros)
         first, last, _ = self.windows[0].inside.indices(len(middle))
         begin = max(first - beside, 0)
         return middle[begin : last + beside], slice(first - begin, last - begin)
@@ -503,7 +503,7 @@ class Stack:
 
 def _turned_back(knots: Knots, errors: Array) -> Knots:
     """Return knots whose orientation and angular velocity are those of a gyro without (12,) errors."""
-    away = knots.course.reshape(*knots.course.shape[:-1], 3, 12) @ errors
+    away = knots.attitude_sensitivity.reshape(*knots.attitude_sensitivity.shape[:-1], 3, 12) @ errors
     return replace(knots, base_rotation=exp(-away) @ knots.base_rotation)
 
 
@@ -546,7 +546,7 @@ class Sensor(Protocol):
     def of_twist(self) -> Array:
         """What it reads of the base's twist (w, v) in odometry axes, (r, 6)."""
 
-    def observed(self, course: Course, base: Motion) -> Observation:
+    def observed(self, attitude_sensitivity: Course, base: Motion) -> Observation:
         """Return what it measures in windows; `base` is their motion as twists are read."""
 
 

@@ -402,9 +402,9 @@ class Thrusters(Unknown):
         del kernel
         return -np.moveaxis(states.thrust, 1, 2).reshape(len(states.thrust), 6, THRUSTER_ERRORS * len(self.frames))
 
-    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, nominal: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with these thrusters."""
-        return replace(side, thrust=side.thrust + value if side.thrust.size else value)
+        return replace(nominal, thrust=nominal.thrust + value if nominal.thrust.size else value)
 
 
 def thrusters(frames: Sequence[str], scale_std: float, direction_std: float, delay_std: float) -> Thrusters:

@@ -39,7 +39,7 @@ from mbaid_ros.core.odometry.model import parabolic_weights, total
 from mbaid_ros.core.odometry.stream import QUATERNION_TOLERANCE, orientation_only, usable_covariance
 from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.robot.model import Kinematics, Link, PlaneDetector, RobotModel, express
-from mbaid_ros.core.robot.momentum import MomentumKernel, mobility_and_joint_momentum
+from mbaid_ros.core.robot.momentum import MomentumKernel, inverse_inertia_and_joint_momentum
 from mbaid_ros.core.samples import ArrayRecord, BaseStream, ImuStream, Samples, Stamps, stamps_of
 from mbaid_ros.core.windows import Window, gradient
 from mbaid_ros.errors import ParameterError, listing
@@ -319,7 +319,7 @@ class Gyro(Unknown):
     wandering: Array = field(default_factory=lambda: np.zeros((13, 0)))
     errors: GyroErrors = field(default_factory=GyroErrors)  # as declared
 
-    in_readings = True
+    of_measurement = True
     in_equations = False  # which do not know of it
 
     @property
@@ -350,9 +350,9 @@ class Gyro(Unknown):
         numbers[_LATE] = 0.0
         return np.asarray(np.linalg.pinv(self.factor) @ numbers)
 
-    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, nominal: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with these errors."""
-        return replace(side, gyro=side.gyro + value[:_LATE]) if self.errors.alone else side
+        return replace(nominal, gyro=nominal.gyro + value[:_LATE]) if self.errors.alone else nominal
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return bias and scale of its reading about the normal, and the delay."""
@@ -546,11 +546,11 @@ def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Wi
         placed = kernel.kinematics.configure(middle.base_rotation, middle.joint_position)
         joints = kernel.kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
         bodies = express(known, placed.rotation, placed.position)
-        mobility, moving = mobility_and_joint_momentum(kernel, middle.stored, bodies, placed, joints)
+        inverse_inertia, moving = inverse_inertia_and_joint_momentum(kernel, middle.stored, bodies, placed, joints)
         # V = M^-1 (h - b), no linear momentum: solve with the angular part of M^-1 alone.
-        at_rest = (mobility @ moving[..., None])[..., 0]
+        at_rest = (inverse_inertia @ moving[..., None])[..., 0]
         rate = rotate(middle.base_rotation, read) + at_rest[:, 3:]
-        momenta.append(np.linalg.solve(mobility[:, 3:, 3:], rate[..., None])[..., 0])
+        momenta.append(np.linalg.solve(inverse_inertia[:, 3:, 3:], rate[..., None])[..., 0])
     return np.mean(np.concatenate(momenta), axis=0) if momenta else np.zeros(3)
 
 

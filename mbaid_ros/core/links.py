@@ -212,15 +212,15 @@ class KnownBodies(Unknown):
         index = list(self.bodies)
         placed = states.configuration
         columns = regressor(placed.rotation[:, index], placed.position[:, index], states.body_twist[:, index])
-        if states.tide.shape[1]:
-            columns -= states.tide[:, index]
+        if states.gravity_columns.shape[1]:
+            columns -= states.gravity_columns[:, index]
         return np.moveaxis(columns, 1, 2).reshape(len(columns), 6, 10 * len(index))
 
-    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, nominal: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with these bodies."""
-        change = np.zeros_like(side.kernel.known)
+        change = np.zeros_like(nominal.kernel.known)
         change[list(self.bodies)] = value.reshape(-1, 10)
-        return replace(side, kernel=side.kernel.with_body_changes(change))
+        return replace(nominal, kernel=nominal.kernel.with_body_changes(change))
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return mass, first moment in the plane and moment about its normal, of each."""

@@ -18,15 +18,15 @@ from mbaid_ros.core.filter.posterior import (
     End,
     MeanAndCovariance,
     Posterior,
-    PriorScaleFactors,
     U,
+    VarianceComponents,
     error_budget,
     posterior,
 )
 from mbaid_ros.core.filter.run import FIRST, Run
 from mbaid_ros.core.forces import Thrusters, constant_force
 from mbaid_ros.core.geometry import Array, chi_square_limit, cross
-from mbaid_ros.core.passive.joints import (
+from mbaid_ros.core.passive.model import (
     SpringErrors,
     implausible_springs,
     joints_carrying_target,
@@ -346,7 +346,7 @@ class TrajectoryEstimator:
             estimate = replace(estimate, momentum=momentum, momentum_covariance=covariance)
         return estimate.after_thrust(self._momentum_change(window, distribution.mean))
 
-    def _evidence(self, run: Run, prior_scales: PriorScaleFactors) -> Evidence:
+    def _evidence(self, run: Run, prior_scales: VarianceComponents) -> Evidence:
         """Return the evidence for and against the model of a run that has started."""
         gaussian, hypothesis = run.best.gaussian, run.best.hypothesis
         # A force or drift would absorb the errors of a wrong robot.
@@ -368,7 +368,7 @@ class TrajectoryEstimator:
             repairs=self._repairs(run, beside_prior),
         )
 
-    def _repairs(self, run: Run, beside_prior: PriorScaleFactors) -> dict[str, Repair]:
+    def _repairs(self, run: Run, beside_prior: VarianceComponents) -> dict[str, Repair]:
         """Return how to take into account each thing that is further off than declared, by its name in words."""
         far = [cause for cause, value in beside_prior.distances.items() if is_suspect(value)]
         if not far:
@@ -408,7 +408,7 @@ class TrajectoryEstimator:
         self,
         run: Run,
         distribution: MeanAndCovariance,
-        prior_scales: PriorScaleFactors,
+        prior_scales: VarianceComponents,
         verdict: Verdict,
         flexible: Sequence[PassiveJoint],
     ) -> Solution:
@@ -424,12 +424,12 @@ class TrajectoryEstimator:
         return Solution(
             x=x,
             covariance=covariance,
-            cautious_covariance=covariance,
+            covariance_for_identifiability=covariance,
             cost=filtered.gaussian.nis,
             redundancy=filtered.gaussian.measured,
             origin=self._averaging.origin,
             plane=self._plane.plane(self._kernel.target),
-            curvatures=run.nonlinearities(consistent=verdict.adequate),
+            nonlinearities=run.nonlinearities(consistent=verdict.adequate),
             reasons=(
                 *notes((*self._warnings, *too_small, *estimated, *self._soft)),
                 *(Reason(text, 'contradiction') for text in verdict.reasons),
@@ -474,9 +474,9 @@ class TrajectoryEstimator:
 
     def _momentum_change(self, window: Samples, state: Array) -> Array:
         """Return how thrust and orbit have changed the momentum by the end of a window, (6,)."""
-        if not window.tide.shape[1]:
+        if not window.gravity_columns.shape[1]:
             return window.impulse[-1]
-        return momentum_change(window, self._layout.point(state).side.kernel.body_parameters(state[BODY]))
+        return momentum_change(window, self._layout.point(state).nominal.kernel.body_parameters(state[BODY]))
 
     def posterior(self) -> Posterior | None:
         """Return the posterior at the end of the run; None without a solution, or where nothing locates the base."""

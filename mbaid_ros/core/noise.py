@@ -9,7 +9,7 @@ from math import comb
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags, Integers, log
-from mbaid_ros.core.results.noise_levels import CHANNELS, TYPICAL, SensorLevels
+from mbaid_ros.core.results.noise_levels import CHANNELS, TYPICAL, NoiseLevels
 from mbaid_ros.core.samples import ArrayRecord, BaseStream, JointStream, Samples, SensorNoise, Stamps, block_std
 
 # Of the differences: they cancel polynomials of fifth degree, which motion resembles over seven readings.
@@ -222,7 +222,7 @@ def _turns(difference: Array, rotation: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Variances:
+class DifferenceVariances:
     """Variances (2, k) of differences of two kinds over the declared ones, their numbers, and the strides (k,) in s."""
 
     variance: Array
@@ -236,7 +236,7 @@ class Variances:
 
 
 @dataclass(frozen=True)
-class Candidates(ArrayRecord):
+class ErrorModels(ArrayRecord):
     """Possible error models of a sensor: correlation times (c,) in s, and for each twice the negative log-likelihood.
 
     Attributes
@@ -264,7 +264,7 @@ class Correlation(ArrayRecord):
     contradicted: Flags
 
 
-def candidates(seen: Variances, time: float, declared: str) -> Candidates:
+def candidates(seen: DifferenceVariances, time: float, declared: str) -> ErrorModels:
     """Return the error models that explain the variances of sixth differences.
 
     Parameters
@@ -274,7 +274,7 @@ def candidates(seen: Variances, time: float, declared: str) -> Candidates:
     declared : whether levels are: 'no', 'yes', or 'trusted', of which the data contradict none
     """
     variance, weight = seen.variance, seen.weight
-    unclear = Candidates(
+    unclear = ErrorModels(
         np.zeros(1), np.zeros(1), np.zeros((1, 2)), np.full((1, 2), np.nan), np.zeros((1, 2), dtype=bool)
     )
     if np.any(seen.counts[:, 0] < FEWEST) or np.any(variance[:, 0] <= 0.0) or np.any(seen.strides < _STAMP):
@@ -302,7 +302,7 @@ def candidates(seen: Variances, time: float, declared: str) -> Candidates:
     cost = np.sum(least + odd, axis=1) + np.where(times > 0.0, 0.0 if time or declared == 'no' else _CLEAR, 0.0)
     wrong = total * np.maximum(np.abs(found) - _NEAR, 0.0) ** 2 > _CLEAR
     level = np.zeros_like(found) if declared == 'trusted' else np.where(wrong | (times > 0.0)[:, None], found, 0.0)
-    every = Candidates(times, cost, level, found, wrong)
+    every = ErrorModels(times, cost, level, found, wrong)
     if np.min(cost) > _NO_FIT * 2 * used.stop:
         return unclear if declared == 'yes' else every[:1]
     longest = times[cost <= np.min(cost) + _LIKELY][-1]
@@ -311,7 +311,7 @@ def candidates(seen: Variances, time: float, declared: str) -> Candidates:
     return every[times > 0.0] if np.argmin(cost) or longest else every[:1]
 
 
-def likeliest(pose: Candidates, twist: Candidates, drift: Variances, ratio: Array) -> Correlation:
+def likeliest(pose: ErrorModels, twist: ErrorModels, drift: DifferenceVariances, ratio: Array) -> Correlation:
     """Return the likeliest errors of poses and twists; of equally likely correlation times, the longest.
 
     Parameters
@@ -336,14 +336,14 @@ def likeliest(pose: Candidates, twist: Candidates, drift: Variances, ratio: Arra
     return Correlation.concatenate([_longest(pose, np.any(likely, axis=1)), _longest(twist, np.any(likely, axis=0))])
 
 
-def _longest(sensor: Candidates, likely: Flags) -> Correlation:
+def _longest(sensor: ErrorModels, likely: Flags) -> Correlation:
     last = int(np.flatnonzero(likely)[-1])
     used, contradicted = np.abs(sensor.level[last]) > _NEAR, np.all(sensor.contradicted[likely], axis=0)
     return Correlation(sensor.time[last : last + 1], np.exp(sensor.estimated[last]), used, used & contradicted)
 
 
 @dataclass(frozen=True)
-class Levels:
+class FoundLevels:
     """The noise of all readings until some time.
 
     Attributes
@@ -361,7 +361,7 @@ class Levels:
     clear: bool = True
 
 
-class NoiseLevels:
+class LevelEstimator:
     """Estimates noise levels from differences of readings, the same however the streams are cut.
 
     Parameters
@@ -387,7 +387,7 @@ class NoiseLevels:
         self._ratio = np.ones(2)  # 1/s, of the noise that the first message declares of twist and pose
         self._counted, self._free = 0, (False, False)
         self._total, self._new = 0, 0  # differences counted so far; those that have come since, at most
-        self._levels = Levels(np.full(6, np.nan), np.zeros(6, dtype=bool), np.zeros(6, dtype=bool), np.zeros(2))
+        self._levels = FoundLevels(np.full(6, np.nan), np.zeros(6, dtype=bool), np.zeros(6, dtype=bool), np.zeros(2))
 
     def add_readings(self, joints: JointStream | None, base: BaseStream | None) -> None:
         """Add readings of each kind in the order of their stamps."""
@@ -419,7 +419,7 @@ class NoiseLevels:
         self._latest = base[-1:], drift[-1:]
         return drift if len(drift) == len(base.stamp) else drift[1:]
 
-    def levels_at(self, stamp: int, spacing: float, *, free: tuple[bool, bool]) -> Levels:
+    def levels_at(self, stamp: int, spacing: float, *, free: tuple[bool, bool]) -> FoundLevels:
         """Return the levels of the readings until a stamp, no earlier than that of the call before.
 
         Parameters
@@ -439,21 +439,21 @@ class NoiseLevels:
             self._levels = self._estimated(spacing, free)
         return self._levels
 
-    def _estimated(self, spacing: float, free: tuple[bool, bool]) -> Levels:
+    def _estimated(self, spacing: float, free: tuple[bool, bool]) -> FoundLevels:
         """Return the levels by the present counts."""
         joints, base, drift = (variances(each.counts) for each in (self._joints, self._base, self._drift))
         counts = self._base.counts.sum(axis=1).reshape(2, 2, len(_STRIDES))
         base = base.reshape(counts.shape)
         poses, twists = (
             candidates(
-                Variances(base[place], counts[place], np.array(_STRIDES) * spacing),
+                DifferenceVariances(base[place], counts[place], np.array(_STRIDES) * spacing),
                 time,
                 'no' if free[place] else 'trusted' if self._trusted else 'yes',
             )
             for place, time in enumerate((self._time, 0.0))
         )
         numbers = self._drift.counts.sum(axis=1).reshape(2, -1)
-        long = Variances(drift.reshape(numbers.shape), numbers, np.array(_LONG_STRIDES) * spacing)
+        long = DifferenceVariances(drift.reshape(numbers.shape), numbers, np.array(_LONG_STRIDES) * spacing)
         found = likeliest(poses, twists, long, self._ratio)
         enough = np.concatenate((self._joints.counts.sum(axis=1), counts[..., 0].ravel())) >= FEWEST
         factor = np.sqrt(np.where(enough, np.concatenate((joints, found.variance)), np.nan))
@@ -464,7 +464,7 @@ class NoiseLevels:
         # What was clear once stays, where motion hides the errors later.
         hidden = np.isnan(factor) & enough & np.isfinite(before.factor)
         few = np.isnan(factor[2:]) & ~hidden[2:] & (counts[..., 0].ravel() > 0)
-        return Levels(
+        return FoundLevels(
             np.where(hidden, before.factor, factor),
             np.where(hidden, before.used, used),
             np.where(hidden, before.contradicted, contradicted),
@@ -518,7 +518,7 @@ class NoiseEstimator:
         self._declared_from: Stamps = np.full(len(CHANNELS), _NEVER)  # by messages, ns
         self._waiting: list[Samples] = []  # the first windows
         self._settled = False
-        self._levels = NoiseLevels(noise, joints, passive, trusted=trusted)
+        self._levels = LevelEstimator(noise, joints, passive, trusted=trusted)
 
     @property
     def joint_position(self) -> float:
@@ -534,7 +534,7 @@ class NoiseEstimator:
 
     def windows_with_noise(
         self, windows: list[Samples], origin: int, *, last: bool = False
-    ) -> list[tuple[Samples, SensorLevels]]:
+    ) -> list[tuple[Samples, NoiseLevels]]:
         """Return the next windows with their noise, and the levels until then; `origin` is the stamp at time 0, ns.
 
         The first seconds wait while their noise is not as declared: how large it is shows later, for all of them; or
@@ -556,7 +556,7 @@ class NoiseEstimator:
             self._waiting.clear()
         return released
 
-    def with_noise(self, window: Samples, origin: int, until: float | None = None) -> tuple[Samples, SensorLevels]:
+    def with_noise(self, window: Samples, origin: int, until: float | None = None) -> tuple[Samples, NoiseLevels]:
         """Return a window with the noise estimated until a time (s), its end by default, and the levels then."""
         until = float(window.time[-1]) if until is None else until
         end = origin + round(until * 1e9)
@@ -582,7 +582,7 @@ class NoiseEstimator:
             pose_covariance=_scaled(window.pose_covariance, factor[2:4], _correlation_factor(window.apart, time)),
             twist_covariance=_scaled(window.twist_covariance, factor[4:], _correlation_factor(window.apart, of_twist)),
             noise=np.repeat(noise[None], len(window), axis=0),
-        ), SensorLevels(
+        ), NoiseLevels(
             declared=np.where(undeclared, np.nan, declared),
             estimated=found,
             assumed=np.where(unknown & _measured(window) if unknown.any() else unknown, factor * declared, np.nan),

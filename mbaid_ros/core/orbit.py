@@ -220,7 +220,7 @@ class FallingFrame:
         pulses = 0.5 * steps * (rates + np.concatenate((rate[None], rates[:-1])))
         total = self._total + np.cumsum(pulses, axis=0)
         self._before, self._total = (float(window.time[-1]), rates[-1]), total[-1]
-        return replace(window, tide=total)
+        return replace(window, gravity_columns=total)
 
 
 @dataclass(frozen=True)
@@ -356,7 +356,7 @@ def orbit_rate(value: Array) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Circle:
+class NominalOrbit:
     """A circular orbit that may be none."""
 
     orbit: Orbit  # the circle, the epoch at the begin of the run
@@ -368,7 +368,7 @@ class Circle:
 class OrbitShape(Disturbance):
     """The numbers k, h and d of an orbit beside its circle (orbit.md)."""
 
-    circle: Circle
+    circle: NominalOrbit
 
     words: ClassVar = {
         SHAPE: Words(
@@ -416,7 +416,7 @@ class OrbitShape(Disturbance):
         return ahead, faster, np.column_stack((3.0 * cosine, -3.0 * sine, 2.0 * one))
 
 
-def orbit_shape(circle: Circle) -> OrbitShape:
+def orbit_shape(circle: NominalOrbit) -> OrbitShape:
     """Return an orbit's deviation from a circle as an unknown: each number is the eccentricity in one direction."""
     return OrbitShape(np.sqrt(0.5) * circle.eccentricity * np.eye(3), (SHAPE,) * 3, circle)
 
@@ -444,9 +444,9 @@ def declared_orbit_shape(config: OrbitConfig) -> tuple[OrbitShape, ...]:
     return () if circle is None else (orbit_shape(circle),)
 
 
-def _uncertain_circle(config: OrbitConfig) -> Circle | None:
+def _uncertain_circle(config: OrbitConfig) -> NominalOrbit | None:
     """Return the orbit whose eccentricity is estimated; None where it is declared, or there is no orbit."""
     orbit = make_orbit(config)
     if orbit is None or config.eccentricity > 0.0 or config.epoch > 0.0 or config.undeclared_eccentricity == 0.0:
         return None
-    return Circle(orbit, config.undeclared_eccentricity, config.twist == 'relative')
+    return NominalOrbit(orbit, config.undeclared_eccentricity, config.twist == 'relative')

@@ -22,7 +22,7 @@ from mbaid_ros.core.odometry.stream import POSE, hermite
 from mbaid_ros.core.outliers import JOINT_OUTLIER, JOINTS_HELD, Outliers, Repeats
 from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.noise_levels import SensorLevels
+from mbaid_ros.core.results.noise_levels import NoiseLevels
 from mbaid_ros.core.results.verdict import Reason, notes, with_reasons
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.samples import FEWEST, BaseStream, ImuStream, JointStream, Samples, Stamps, with_rates
@@ -172,11 +172,11 @@ class Synchroniser:
             return None
         newest = self._newest.get(type(new), _BEFORE_ALL)
         before = np.maximum.accumulate(np.concatenate(([newest], new.stamp[:-1])))
-        fresh = new.stamp > before
+        in_order = new.stamp > before
         self._newest[type(new)] = max(int(before[-1]), int(new.stamp[-1]))
-        if not np.all(fresh):
-            self._dropped[OUT_OF_ORDER] += int(np.sum(~fresh))
-            new = new[fresh]
+        if not np.all(in_order):
+            self._dropped[OUT_OF_ORDER] += int(np.sum(~in_order))
+            new = new[in_order]
         return new
 
     def _append(self, buffer: Stream | None, new: Stream | None) -> Stream | None:
@@ -321,7 +321,7 @@ class Identifier:
         self.synchroniser = Synchroniser(maximum_gap, view, gyros, noise)
         self._windows = Windows(window)
         self._noise = noise
-        self._levels: dict[float, SensorLevels] = {}  # by the end of the latest windows, s
+        self._levels: dict[float, NoiseLevels] = {}  # by the end of the latest windows, s
         self._checks = checks or WindowChecks()
         self._forces = forces
         self._window = window

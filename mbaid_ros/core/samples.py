@@ -133,7 +133,7 @@ class Samples(ArrayRecord):
     stored: Array = field(default_factory=lambda: np.zeros((0, 0)))
     # (N, 60 b) derivatives of the change of (P, L) by an orbit since the first sample, by the standard parameters of b
     # bodies (6 x 10, rows first), falling frame, L about its origin; none by default
-    tide: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    gravity_columns: Array = field(default_factory=lambda: np.zeros((0, 0)))
     # (N, 30 f) derivatives of the change of (P, L) by known thrust, L about the odometry's origin, by the errors of f
     # thrusters: scale, turn, delay (6 x 5, rows first); none by default
     thrust: Array = field(default_factory=lambda: np.zeros((0, 0)))
@@ -153,7 +153,7 @@ class Samples(ArrayRecord):
             object.__setattr__(self, 'impulse', np.zeros((len(self.time), 6)))
         if len(self.apart) != len(self.time):
             object.__setattr__(self, 'apart', np.zeros(len(self.time)))
-        for name in ('stored', 'tide', 'thrust', 'further', 'noise'):
+        for name in ('stored', 'gravity_columns', 'thrust', 'further', 'noise'):
             if len(getattr(self, name)) != len(self.time):
                 object.__setattr__(self, name, np.zeros((len(self.time), 0)))
         if self.joint_rate_gain.shape != self.joint_velocity.shape:

@@ -92,11 +92,11 @@ class UnknownsPrior:
 
     def nominal_model(self, kernel: MomentumKernel, unknowns: Sequence[Unknown]) -> NominalModel:
         """Return the nominal model at the mean of the unknowns' numbers."""
-        side, place = NominalModel.nominal(kernel), 0
+        nominal, place = NominalModel.nominal(kernel), 0
         for unknown in unknowns:
-            side = unknown.applied_to(side, unknown.factor @ self.mean[place : place + unknown.count])
+            nominal = unknown.applied_to(nominal, unknown.factor @ self.mean[place : place + unknown.count])
             place += unknown.count
-        return side
+        return nominal
 
 
 def in_plane_map(unknown: Unknown, in_plane: Unknown) -> Array:
@@ -157,7 +157,7 @@ class Point:
 
     parameters: Array  # (u,) of the prediction: P, L, phi, unknowns
     readings: Array  # (r,) the other unknowns
-    side: NominalModel  # the nominal model there
+    nominal: NominalModel  # the nominal model there
 
     @property
     def body(self) -> Array:
@@ -192,12 +192,12 @@ class Layout:
 
         Raises ValueError: The prior is of other numbers, or the unknowns of the readings are not the last.
         """
-        count, last = sum(unknown.count for unknown in unknowns), [unknown.in_readings for unknown in unknowns]
+        count, last = sum(unknown.count for unknown in unknowns), [unknown.of_measurement for unknown in unknowns]
         if known is None:
             known = UnknownsPrior.standard_normal(count)
         elif len(known.mean) != count or last != sorted(last):
             raise ValueError(f'a posterior of {len(known.mean)} numbers does not match {count} unknowns, in order')
-        return Layout(kernel, tuple(sorted(unknowns, key=lambda unknown: unknown.in_readings)), known, plane)
+        return Layout(kernel, tuple(sorted(unknowns, key=lambda unknown: unknown.of_measurement)), known, plane)
 
     @cached_property
     def places(self) -> tuple[slice, ...]:
@@ -223,7 +223,7 @@ class Layout:
     @cached_property
     def predicted(self) -> tuple[Unknown, ...]:
         """The unknowns that the prediction depends on."""
-        return tuple(each for each in self.unknowns if not each.in_readings)
+        return tuple(each for each in self.unknowns if not each.of_measurement)
 
     @cached_property
     def of_joints(self) -> tuple[tuple[Unknown, slice], ...]:
@@ -238,7 +238,7 @@ class Layout:
     @cached_property
     def read(self) -> tuple[Unknown, ...]:
         """The unknowns that only the readings depend on."""
-        return tuple(each for each in self.unknowns if each.in_readings)
+        return tuple(each for each in self.unknowns if each.of_measurement)
 
     @cached_property
     def causes(self) -> tuple[str, ...]:
@@ -265,7 +265,7 @@ class Layout:
     def extended(self, more: Sequence[Unknown]) -> Layout:
         """Return the layout with more unknowns, independent of the others."""
         before = len(self.predicted)
-        predicted, read = (tuple(each for each in more if each.in_readings is which) for which in (False, True))
+        predicted, read = (tuple(each for each in more if each.of_measurement is which) for which in (False, True))
         unknowns = (*self.unknowns[:before], *predicted, *self.unknowns[before:], *read)
         known = self.known.extended(sum(each.count for each in predicted), before=self.readings.start - BODY.stop)
         known = known.extended(sum(each.count for each in read), before=len(known.mean))
@@ -278,10 +278,10 @@ class Layout:
     def point(self, state: Array, deviation: Array | None = None) -> Point:
         """Return the linearisation point of a state (s,) with standard deviations (s,)."""
         values = self.linearisation_state(state, deviation)
-        side = NominalModel.nominal(self.kernel)
+        nominal = NominalModel.nominal(self.kernel)
         for unknown, place in zip(self.unknowns, self.places, strict=True):
-            side = unknown.applied_to(side, unknown.factor @ values[place])
-        return Point(values[self.parameters], values[self.readings], side)
+            nominal = unknown.applied_to(nominal, unknown.factor @ values[place])
+        return Point(values[self.parameters], values[self.readings], nominal)
 
     def linearisation_state(self, state: Array, deviation: Array | None = None) -> Array:
         """Return the linearisation point (s,) of windows, for a state (s,) with standard deviations (s,)."""
@@ -318,7 +318,7 @@ def numbers_of(unknowns: Sequence[Unknown], which: Sequence[bool]) -> Flags:
     return np.repeat(np.array(which, dtype=bool), [each.count for each in unknowns])
 
 
-def near_part(parameters: Array, step: Array) -> float:
+def trust_region(parameters: Array, step: Array) -> float:
     """Return the part of a step from a point's (u,) parameters over which the prediction is linear."""
     body = slice(BODY.start - LINEAR.start, BODY.stop - LINEAR.start)
     if parameters[body][0] == 0.0:

@@ -139,9 +139,9 @@ class SpinInertias(Unknown):
         columns[:, 3:] = np.swapaxes(states.readings[..., None] * directions, 1, 2)
         return columns
 
-    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, nominal: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with these spin inertias."""
-        return replace(side, kernel=side.kernel.with_storage(side.kernel.storage.with_inertia_changes(value)))
+        return replace(nominal, kernel=nominal.kernel.with_storage(nominal.kernel.storage.with_inertia_changes(value)))
 
 
 def spin_inertias(kernel: MomentumKernel, deviations: Sequence[float]) -> SpinInertias:
@@ -153,7 +153,7 @@ def spin_inertias(kernel: MomentumKernel, deviations: Sequence[float]) -> SpinIn
 def by_readings(bodies: Bodies) -> Array:
     """Return the effect of the noise of each reading of stored momentum on the twist, (N, 6, c)."""
     storage, placed = bodies.states.storage, bodies.states.configuration
-    columns = bodies.mobility @ storage.jacobian(placed.rotation)
+    columns = bodies.inverse_inertia @ storage.jacobian(placed.rotation)
     return np.asarray(columns[:, ANGULAR_FIRST] * storage.noises)
 
 

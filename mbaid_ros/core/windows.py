@@ -44,12 +44,12 @@ class Knots(ArrayRecord):
     impulse: Array  # (J, 6) change of (P, L) by known thrust, L about the run's origin
     stored: Array  # (J, c) readings of the momentum stored inside bodies
     # tide, thrust: (J, 60 b), (J, 30 f) as in Samples, L about the run's origin
-    tide: Array
+    gravity_columns: Array
     thrust: Array
     further: Array  # (J, c) as in Samples; NaN where a sample has none
     # (J, 36) where the gyro alone measures the orientation: its error since the run began, odometry axes, by each error
     # of the gyro (3 x 12, rows first): bias, scale, turn, cross-axis; none where it is measured
-    course: Array
+    attitude_sensitivity: Array
 
     @property
     def empty(self) -> Flags:
@@ -105,10 +105,10 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
         offset=(time - np.repeat(starts, count)) / spacing - np.tile(np.arange(count), len(windows)) - 0.5,
         impulse=mean(_columns_about(joined('impulse'), origin, 1)),
         stored=mean(joined('stored')),
-        tide=mean(_columns_about(joined('tide'), origin, 10)),
+        gravity_columns=mean(_columns_about(joined('gravity_columns'), origin, 10)),
         thrust=mean(_columns_about(joined('thrust'), origin, THRUSTER_ERRORS)),
         further=mean(joined('further')),
-        course=np.zeros((len(sizes), 0)),
+        attitude_sensitivity=np.zeros((len(sizes), 0)),
     )
 
 
@@ -157,14 +157,14 @@ class Midpoints(ArrayRecord):
     step: Array  # (J - 1, 3) m, displacement from each knot to the next
     impulse: Array  # (J - 1, ...) as of the knots, midway
     stored: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (J - 1, ...) as of the knots, midway
-    tide: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (J - 1, ...) as of the knots, midway
+    gravity_columns: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (J - 1, ...) as of the knots, midway
     thrust: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (J - 1, ...) as of the knots, midway
     # (J - 1, c) how fast the further sensors' numbers change: of a gyro rad/s, in its axes; NaN where unknown
     further: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
         """Replace omitted arrays by arrays of no columns."""
-        for name in ('stored', 'tide', 'thrust', 'further'):
+        for name in ('stored', 'gravity_columns', 'thrust', 'further'):
             if getattr(self, name).shape[: self.turn.ndim - 1] != self.turn.shape[:-1]:
                 object.__setattr__(self, name, np.zeros((*self.turn.shape[:-1], 0)))
 
@@ -206,7 +206,7 @@ def midpoints(knots: Knots, spacing: float) -> Midpoints:
         step=difference[..., joints : joints + 3],
         impulse=_mean(knots.impulse, knots),
         stored=midway[..., joints + 9 : end],
-        tide=_mean(knots.tide, knots),
+        gravity_columns=_mean(knots.gravity_columns, knots),
         thrust=_mean(knots.thrust, knots),
         further=(turned - _second_difference(turned) / 24.0) / spacing,
     )
@@ -339,7 +339,7 @@ class Window:
     spacing: float  # s, between knots
     noise: WindowNoise  # WindowNoise
     start: float  # s since the first sample of the run
-    fresh: bool  # whether a gap (or the start) comes before it
+    after_gap: bool  # whether a gap (or the start) comes before it
     origin: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, of the run in the odometry frame
     gap: float = 0.0  # s from the end of the window before to its start
 
@@ -395,7 +395,7 @@ class SwingInertias(Protocol):
         """Momentum of unit rates, Gamma, (N, f, 6)."""
 
     @property
-    def mobility(self) -> Array:
+    def inverse_inertia(self) -> Array:
         """M^-1, the passive joints held, (N, 6, 6)."""
 
     @property
@@ -438,14 +438,14 @@ class Bodies:
     """The bodies of a robot that moves as predicted, at N instants."""
 
     parameters: Array  # (n + 1, 10) standard parameters of each, in its own frame
-    mobility: Array  # (N, 6, 6) M^-1; with passive joints (M - Gamma H^-1 Gamma^T)^-1
+    inverse_inertia: Array  # (N, 6, 6) M^-1; with passive joints (M - Gamma H^-1 Gamma^T)^-1
     states: BodyStates  # as the momentum equations need them
     passive: Swing | None = None  # how passive joints swing; None without any
 
     def __getitem__(self, index: Integers) -> Bodies:
         """Return those of some instants."""
         passive = None if self.passive is None else self.passive[index]
-        return Bodies(self.parameters, self.mobility[index], self.states[index], passive)
+        return Bodies(self.parameters, self.inverse_inertia[index], self.states[index], passive)
 
 
 @dataclass(frozen=True)
@@ -581,7 +581,7 @@ class KnotAveraging:
             spacing=self._length / count,
             noise=with_truncation(noise, parts, at_an_end=not (earlier and after)),
             start=start,
-            fresh=not earlier,
+            after_gap=not earlier,
             origin=self.origin,
             gap=0.0 if earlier or self._end is None else start - self._end,
         )
@@ -602,7 +602,7 @@ def _with_course(knots: Knots, spacing: float, begin: Array) -> tuple[Knots, Arr
     # After an empty knot the chain begins anew.
     steps = np.nan_to_num(spacing * (knots.base_rotation @ errors)).reshape(len(knots), -1)
     sums = np.cumsum(np.concatenate((begin[None], steps)), axis=0)
-    return replace(knots, course=0.5 * (sums[1:] + sums[:-1])), sums[-1]
+    return replace(knots, attitude_sensitivity=0.5 * (sums[1:] + sums[:-1])), sums[-1]
 
 
 def knots_per_window(window: Samples, length: float, wanted: float, *, alike: bool = False) -> int:

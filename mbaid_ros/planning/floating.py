@@ -14,7 +14,7 @@ from mbaid_ros.core.filter.linearise import predict
 from mbaid_ros.core.geometry import Array, composed, cross, log, rotate, rotate_back
 from mbaid_ros.core.passive.swing import starting_states, transition_steps
 from mbaid_ros.core.robot.model import express
-from mbaid_ros.core.robot.momentum import in_plane, mobility_and_momentum
+from mbaid_ros.core.robot.momentum import in_plane, inverse_inertia_and_momentum
 from mbaid_ros.core.samples import ArrayRecord
 from mbaid_ros.core.state import Layout, Point
 from mbaid_ros.core.windows import Midpoints
@@ -58,17 +58,17 @@ class FloatingRobot:
         joint_position, joint_velocity : (2 T - 1, B, n) of all joints, as read, at every half step
         step : s
         """
-        parts = self.mobility_and_momentum(joint_position, joint_velocity)
+        parts = self.inverse_inertia_and_momentum(joint_position, joint_velocity)
         momentum = np.tile(self.point.parameters[:6], (joint_position.shape[1], 1))
         return _integrated(*parts, momentum, (self.rotation, self.position), step)
 
     def deflected(self, base: BaseMotion, joint_position: Array, joint_velocity: Array, step: float) -> BaseMotion:
         """Return motions with the deflections of passive joints from rest; of joints (T, B, n) at their instants."""
-        kernel, count = self.point.side.kernel, base.twist[..., 0].size
+        kernel, count = self.point.nominal.kernel, base.twist[..., 0].size
         if not kernel.springs.count:
             return base
         shape, size = base.twist.shape[:2], kernel.springs.count
-        motion = (joint_position + self.point.side.zeros, joint_velocity, base.rotation, base.position, base.twist)
+        motion = (joint_position + self.point.nominal.zeros, joint_velocity, base.rotation, base.position, base.twist)
         flat = [each.reshape(count, *each.shape[2:]) for each in motion]
         none, stored = np.zeros((count, 3)), np.tile(self.stored, (count, 1))
         middle = Midpoints(*(*flat, none, none, np.zeros((count, 6)), stored))
@@ -80,24 +80,24 @@ class FloatingRobot:
         begin = starting_states(np.zeros((2, size, 1)), by_state[0], slope[0])
         return replace(base, deflection=(x[..., : 2 * size] @ begin + x[..., 2 * size :])[..., :size, 0])
 
-    def mobility_and_momentum(self, joint_position: Array, joint_velocity: Array) -> tuple[Array, Array]:
+    def inverse_inertia_and_momentum(self, joint_position: Array, joint_velocity: Array) -> tuple[Array, Array]:
         """Return M^-1 (..., 6, 6) and the momentum (..., 6) of the joints' motion at a resting base, base axes."""
-        side = self.point.side
-        kernel = side.kernel
+        nominal = self.point.nominal
+        kernel = nominal.kernel
         shape = joint_position.shape[:2]
-        position = joint_position.reshape(-1, joint_position.shape[-1]) + side.zeros
+        position = joint_position.reshape(-1, joint_position.shape[-1]) + nominal.zeros
         upright = np.broadcast_to(np.eye(3), (len(position), 3, 3))
         placed = kernel.kinematics.configure(upright, position)
         still = np.zeros((len(position), 6))
         twists = kernel.kinematics.body_twists(placed, joint_velocity.reshape(position.shape), still)
         bodies = express(kernel.body_parameters(self.point.body), placed.rotation, placed.position)
-        mobility, moving = mobility_and_momentum(bodies, twists)
+        inverse_inertia, moving = inverse_inertia_and_momentum(bodies, twists)
         if kernel.storage.count:
             readings = np.broadcast_to(self.stored, (len(position), len(self.stored)))
             moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, readings), axis=1)
         if self.plane is not None:
-            mobility = in_plane(mobility, self._plane_of_base(self.plane))
-        return mobility.reshape(*shape, 6, 6), moving.reshape(*shape, 6)
+            inverse_inertia = in_plane(inverse_inertia, self._plane_of_base(self.plane))
+        return inverse_inertia.reshape(*shape, 6, 6), moving.reshape(*shape, 6)
 
     def _plane_of_base(self, plane: Array) -> Array:
         """Return the equations of a planar motion in base axes: a turn about the normal only mixes them."""
@@ -115,11 +115,11 @@ def base_motions(
     joint_position, joint_velocity : (2 T - 1, n) as in `FloatingRobot.base_motion`
     step : s
     """
-    parts = [robot.mobility_and_momentum(joint_position[:, None], joint_velocity[:, None]) for robot in robots]
-    mobility, moving = (np.concatenate(each, axis=1) for each in zip(*parts, strict=True))
+    parts = [robot.inverse_inertia_and_momentum(joint_position[:, None], joint_velocity[:, None]) for robot in robots]
+    inverse_inertia, moving = (np.concatenate(each, axis=1) for each in zip(*parts, strict=True))
     momentum = np.stack([robot.point.parameters[:6] for robot in robots])
-    base = _integrated(mobility, moving, momentum, (robots[0].rotation, robots[0].position), step)
-    if not robots[0].point.side.kernel.springs.count:
+    base = _integrated(inverse_inertia, moving, momentum, (robots[0].rotation, robots[0].position), step)
+    if not robots[0].point.nominal.kernel.springs.count:
         return base
     each = [BaseMotion(*(part[:, [place]] for part in vars(base).values())) for place in range(len(robots))]
     joints = joint_position[::2, None], joint_velocity[::2, None]
@@ -127,12 +127,14 @@ def base_motions(
     return replace(base, deflection=np.concatenate(swung, axis=1))
 
 
-def _integrated(mobility: Array, moving: Array, momentum: Array, begin: tuple[Array, Array], step: float) -> BaseMotion:
+def _integrated(
+    inverse_inertia: Array, moving: Array, momentum: Array, begin: tuple[Array, Array], step: float
+) -> BaseMotion:
     """Return the motions of B bases by Runge and Kutta's method of fourth order.
 
     Parameters
     ----------
-    mobility, moving : (2 T - 1, B, 6, 6), (2 T - 1, B, 6) at every half step, base axes
+    inverse_inertia, moving : (2 T - 1, B, 6, 6), (2 T - 1, B, 6) at every half step, base axes
     momentum : (B, 6) (P, L) about the run's origin
     begin : (3, 3), (3,) orientation and position
     step : s
@@ -143,13 +145,13 @@ def _integrated(mobility: Array, moving: Array, momentum: Array, begin: tuple[Ar
     for index in range(count):
         rotation[index], position[index] = turned, place
         here = 2 * index
-        first = _rates(mobility[here], moving[here], momentum, turned, place)
+        first = _rates(inverse_inertia[here], moving[here], momentum, turned, place)
         twist[index, :, :3], twist[index, :, 3:] = first[1], rotate(turned, first[2])
         if index + 1 < count:
             slopes = [first]
             for part, ahead in ((0.5, 1), (0.5, 1), (1.0, 2)):
                 reached = turned + part * step * slopes[-1][0], place + part * step * slopes[-1][1]
-                slopes.append(_rates(mobility[here + ahead], moving[here + ahead], momentum, *reached))
+                slopes.append(_rates(inverse_inertia[here + ahead], moving[here + ahead], momentum, *reached))
             turned = turned + step / 6.0 * _simpson([slope[0] for slope in slopes])
             place = place + step / 6.0 * _simpson([slope[1] for slope in slopes])
             # One of Newton's steps to the nearest rotation, from which a step of fourth order is hardly away.
@@ -158,12 +160,12 @@ def _integrated(mobility: Array, moving: Array, momentum: Array, begin: tuple[Ar
 
 
 def _rates(
-    mobility: Array, moving: Array, momentum: Array, rotation: Array, position: Array
+    inverse_inertia: Array, moving: Array, momentum: Array, rotation: Array, position: Array
 ) -> tuple[Array, Array, Array]:
     """Return R', p' (odometry axes) and the angular velocity (base axes) of B bases."""
     linear, about_base = momentum[:, :3], momentum[:, 3:] - cross(position, momentum[:, :3])
     total = np.concatenate((rotate_back(rotation, linear), rotate_back(rotation, about_base)), axis=1)
-    twist = (mobility @ (total - moving)[..., None])[..., 0]
+    twist = (inverse_inertia @ (total - moving)[..., None])[..., 0]
     spin = twist[:, 3:]
     # Row by row: R' = R [w]x.
     return cross(rotation, spin[:, None]), rotate(rotation, twist[:, :3]), spin

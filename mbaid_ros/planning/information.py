@@ -100,12 +100,12 @@ class Information:
         base : of the same J knots
         every : how often on the way, in windows; 0 at the end alone
         """
-        course = [
+        attitude_sensitivity = [
             self._relative(np.stack([self._covariance(gaussian) for gaussian in gaussians]))
             for number, gaussians in enumerate(self._posteriors(grid, joints, base), start=1)
             if number == grid.windows or (every and number % every == 0)
         ]
-        return np.stack(course) if every else course[-1]
+        return np.stack(attitude_sensitivity) if every else attitude_sensitivity[-1]
 
     def shares(self, grid: Grid, joints: tuple[Array, Array], base: BaseMotion) -> tuple[tuple[str, ...], Array]:
         """Return the causes of uncertainty beside the sensors, c names, and their shares after one motion.
@@ -183,10 +183,10 @@ class Information:
             offset=np.zeros(count),
             impulse=np.zeros((count, 6)),
             stored=stored,
-            tide=np.zeros((count, 0)),
+            gravity_columns=np.zeros((count, 0)),
             thrust=np.zeros((count, 6 * THRUSTER_ERRORS * frames)),
             further=np.zeros((count, 0)),
-            course=np.zeros((count, 0)),
+            attitude_sensitivity=np.zeros((count, 0)),
         )
 
     def _noise(self, length: float) -> WindowNoise:

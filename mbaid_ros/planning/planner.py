@@ -237,4 +237,4 @@ class Planner:
 def _efforts(posterior: Posterior) -> JointEfforts:
     """Return the efforts of the robot as it is known best."""
     point, model = posterior.point, posterior.layout.kernel.model
-    return JointEfforts(model, point.side.kernel.body_parameters(point.body))
+    return JointEfforts(model, point.nominal.kernel.body_parameters(point.body))

@@ -77,7 +77,7 @@ def _read(arguments: argparse.Namespace) -> Recording:
     if arguments.format == 'csv':
         if arguments.columns is None:
             raise ParameterError('csv needs --columns YAML, which assigns the columns (docs/how-to/bench-logs.md)')
-        from mbaid_ros.recordings.columns import read_csv  # noqa: PLC0415
+        from mbaid_ros.recordings.csv_log import read_csv  # noqa: PLC0415
 
         return read_csv(arguments.log, arguments.columns)
     if arguments.format == 'tudelft-throw':

@@ -10,8 +10,8 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.errors import DataError
-from mbaid_ros.recordings.csv_tables import read_matlab, read_table
 from mbaid_ros.recordings.recording import Recording, resource, turned_about_z
+from mbaid_ros.recordings.table_files import read_matlab, read_table
 from mbaid_ros.sensor_messages import Joints, Poses, Thrust
 
 JOINTS = ('shoulder', 'elbow', 'wrist')

@@ -15,8 +15,8 @@ from mbaid_ros import limits
 from mbaid_ros.core.geometry import Array, exp, quaternion_from_rotation
 from mbaid_ros.errors import DataError, ParameterError
 from mbaid_ros.files import require_regular
-from mbaid_ros.recordings.csv_tables import read_table
 from mbaid_ros.recordings.recording import Recording, resource
+from mbaid_ros.recordings.table_files import read_table
 from mbaid_ros.sensor_messages import Imu, Joints, Poses
 
 _DEVICE = 0.10067  # kg, with the flywheel

@@ -18,7 +18,7 @@ from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.config.parameter_files import given_parameters, read_robot_description
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.links import KnownLinksConfig, link_deviations, relative_factor
-from mbaid_ros.core.passive.joints import springs
+from mbaid_ros.core.passive.model import springs
 from mbaid_ros.core.results.budget import PARAMETERS
 from mbaid_ros.core.robot.model import Link, RobotModel, displace_joint, displaced, load_model, replace_inertial
 from mbaid_ros.core.robot.momentum import MomentumKernel
@@ -27,8 +27,8 @@ from mbaid_ros.errors import DataError, ModelError, ParameterError, listing
 from mbaid_ros.files import write_text
 from mbaid_ros.replay.calibrated import Calibrated, summary, why_not
 from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.replay.json_output import check_outputs, passive_joints, plain, shaped, shaped_momentum, write_results
 from mbaid_ros.replay.one_bag import read_motions
-from mbaid_ros.replay.output import check_outputs, passive_joints, plain, shaped, shaped_momentum, write_results
 from mbaid_ros.session.catalogue import declaration
 from mbaid_ros.session.robot import declared_mass
 

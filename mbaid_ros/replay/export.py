@@ -22,7 +22,7 @@ from mbaid_ros.core.robot.model import RobotModel, load_model, replace_inertial
 from mbaid_ros.core.robot.momentum import is_physical, physical, standard
 from mbaid_ros.errors import ParameterError, listing
 from mbaid_ros.files import as_utf8, require_writable, write_text
-from mbaid_ros.replay.output import matrix, shaped
+from mbaid_ros.replay.json_output import matrix, shaped
 from mbaid_ros.replay.provenance import sha256_of
 from mbaid_ros.replay.saved import Identified, read_identified
 

@@ -31,7 +31,7 @@ from mbaid_ros.core.links import (
 )
 from mbaid_ros.core.odometry.model import marker_frame, odometry_mount
 from mbaid_ros.core.odometry.stream import AttachedFrame
-from mbaid_ros.core.passive.joints import joints_carrying_target, springs
+from mbaid_ros.core.passive.model import joints_carrying_target, springs
 from mbaid_ros.core.results.estimate import CapturePhase, Estimate
 from mbaid_ros.core.robot.model import Link, RobotModel, load_model
 from mbaid_ros.core.robot.momentum import KnownErrors, MomentumKernel, body_sizes
@@ -106,7 +106,7 @@ class CalibratedModel:
         )
         of_odometry = uncertain(odometry_mount(float(position), float(orientation)))
         others = [each for each in declared if not each.calibrated]
-        predicted, read = (tuple(each for each in others if each.in_readings is which) for which in (False, True))
+        predicted, read = (tuple(each for each in others if each.of_measurement is which) for which in (False, True))
         known = _gaussian(values, covariance, units)
         known = known.extended(_count(predicted), before=_count(robot))
         known = known.extended(_count(read), before=len(known.mean))
@@ -174,14 +174,14 @@ def nominal_model(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot
             as_declared = replace(as_declared, target=described_prior(config.target_prior, kernel, given))
         return KnownRobot(kernel, replace(as_declared, total_mass=_mass_without_target(config.known_links, kernel)))
     found = _calibration(kernel.model, config.known_links)
-    side = CalibratedModel(
+    nominal = CalibratedModel(
         tuple(kernel.model.link(name) for name in found.links),
         found.values[10 * len(found.links) : -6 : 6],
         found.values[-6:],
         found.covariance,
     )
     located = not config.imu.alone or config.imu.orientation
-    kernel, unknowns, known = side.with_kernel(kernel, as_declared.unknowns, located=located)
+    kernel, unknowns, known = nominal.with_kernel(kernel, as_declared.unknowns, located=located)
     return KnownRobot(kernel, replace(as_declared, unknowns=unknowns, joint_prior=known))
 
 

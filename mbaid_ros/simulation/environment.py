@@ -155,8 +155,8 @@ class Environment:
 
     def effects(self, model: RobotModel, origin: Array) -> tuple[Effect, ...]:
         """Return the effects on a robot whose positions count from an origin (3,) m in the odometry frame."""
-        tide = () if self.orbit is None else (GravityGradient.on_robot(model, self.orbit, origin),)
-        return (*tide, *(() if self.wheels is None else (self.wheels,)))
+        gravity_columns = () if self.orbit is None else (GravityGradient.on_robot(model, self.orbit, origin),)
+        return (*gravity_columns, *(() if self.wheels is None else (self.wheels,)))
 
     def from_time(self, time: float) -> Environment:
         """Return the environment with time 0 at a time (s) of this one."""

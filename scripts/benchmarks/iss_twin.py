@@ -10,7 +10,7 @@ from mbaid_ros.core.geometry import Array, exp, quaternion_from_rotation, rotate
 from mbaid_ros.core.links import BodyDeviations
 from mbaid_ros.core.orbit import Orbit
 from mbaid_ros.core.robot.model import express, load_model
-from mbaid_ros.core.robot.momentum import MomentumKernel, are_physical, mobility_and_momentum
+from mbaid_ros.core.robot.momentum import MomentumKernel, are_physical, inverse_inertia_and_momentum
 from mbaid_ros.recordings.recording import Recording
 
 NAMES = ('base_link', 'array_port', 'array_starboard')
@@ -97,11 +97,11 @@ def _stored(
     kinematics = MomentumKernel(load_model(urdf), NAMES[0]).kinematics
     placed = kinematics.configure(rotation, joints)
     at_rest = kinematics.body_twists(placed, np.gradient(joints, time, axis=0), np.zeros((len(time), 6)))
-    mobility, moving = mobility_and_momentum(express(bodies, placed.rotation, placed.position), at_rest)
+    inverse_inertia, moving = inverse_inertia_and_momentum(express(bodies, placed.rotation, placed.position), at_rest)
     # V = M^-1 (h - b) with no linear momentum, as in `angular_momentum` of the filter.
-    rest = (mobility @ moving[..., None])[..., 0]
-    own = np.linalg.solve(mobility[:, 3:, 3:], (rotate(rotation, rate) + rest[:, 3:])[..., None])[..., 0]
-    central = np.linalg.inv(mobility[:, 3:, 3:])
+    rest = (inverse_inertia @ moving[..., None])[..., 0]
+    own = np.linalg.solve(inverse_inertia[:, 3:, 3:], (rotate(rotation, rate) + rest[:, 3:])[..., None])[..., 0]
+    central = np.linalg.inv(inverse_inertia[:, 3:, 3:])
     up = orbit.zenith_at(time - time[0])
     torque = torque + 3.0 * orbit.gradient_strength(time - time[0])[:, None] * np.cross(up, rotate(central, up))
     steps = 0.5 * (torque[1:] + torque[:-1]) * np.diff(time)[:, None]

@@ -14,8 +14,8 @@ from mbaid_ros.core.geometry import Array, exp, log, rotate
 from mbaid_ros.core.joints.model import JointPlacements, joint_placements
 from mbaid_ros.core.links import independent_errors, known_bodies
 from mbaid_ros.core.orbit import (
-    Circle,
     FallingFrame,
+    NominalOrbit,
     Orbit,
     OrbitShape,
     gravity,
@@ -53,7 +53,7 @@ class Case:
             self.kernel = self.kernel.with_storage(random_storage(rng, model))
         self.readings = rng.normal(size=(COUNT, self.kernel.storage.count))
         # What an orbit has brought to any body, on top of its own momentum.
-        self.tide = 0.1 * rng.normal(size=(COUNT, len(bodies) if seed >= 3 and not in_plane else 0, 6, 10))
+        self.gravity_columns = 0.1 * rng.normal(size=(COUNT, len(bodies) if seed >= 3 and not in_plane else 0, 6, 10))
         self.joints, self.rates, self.rotation, self.twist = random_state(rng, model.joints, COUNT)
         if in_plane:
             self.rotation = exp(self.rotation[:, 0, :1] * NORMAL)
@@ -62,12 +62,12 @@ class Case:
     def states(self, kernel: MomentumKernel, zeros: Array | float = 0.0) -> BodyStates:
         """Return the states of a robot whose joints are elsewhere by these zeros."""
         states = kernel.states_of(self.rotation, self.joints + zeros, self.rates, self.twist, self.readings)
-        return replace(states, tide=self.tide)
+        return replace(states, gravity_columns=self.gravity_columns)
 
     def momentum(self, kernel: MomentumKernel, zeros: Array | float = 0.0) -> Array:
         """Return the momentum of all bodies, (N, 6)."""
         total = self.states(kernel, zeros).known_momentum
-        return total - summed_over_bodies(self.tide, kernel.known) if self.tide.size else total
+        return total - summed_over_bodies(self.gravity_columns, kernel.known) if self.gravity_columns.size else total
 
     def placements(self) -> JointPlacements:
         """Return the joints' placements as an unknown, all equally uncertain."""
@@ -215,7 +215,7 @@ def eccentric(around: Orbit, number: int) -> tuple[Orbit, Array]:
 
 
 def shape(around: Orbit, *, relative: bool = True) -> OrbitShape:
-    return orbit_shape(Circle(around, 0.002, relative))
+    return orbit_shape(NominalOrbit(around, 0.002, relative))
 
 
 def poses(seed: int) -> tuple[Array, Array]:

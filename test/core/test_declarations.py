@@ -14,7 +14,7 @@ from mbaid_ros.core.contracts import NominalModel, deviation_text, underestimate
 from mbaid_ros.core.forces import DisturbanceModel, disturbances, thrusters
 from mbaid_ros.core.geometry import Array, exp, rotate
 from mbaid_ros.core.gyro import GyroErrors, gyro
-from mbaid_ros.core.passive.joints import resolved, spring_errors, starting_swing, swing_noise
+from mbaid_ros.core.passive.model import resolved, spring_errors, starting_swing, swing_noise
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import Springs
 from mbaid_ros.core.state import UnknownsPrior, in_plane_map
@@ -64,8 +64,8 @@ def test_an_excited_swing_dies_down_by_its_damping() -> None:
     found = both.process_variances(np.array([[1.0, 0.3], [2.0, 0.6]]))
     assert found == pytest.approx(np.array([[0.5] * 4, [2.0] * 4]))
     assert both.linearisation_value(np.ones(4), np.ones(4)).tolist() == [0.0] * 4
-    side = on_springs()
-    assert both.applied_to(side, np.ones(4)) is side
+    nominal = on_springs()
+    assert both.applied_to(nominal, np.ones(4)) is nominal
 
 
 @pytest.mark.parametrize(
@@ -83,11 +83,14 @@ def test_a_frequency_is_resolved_while_its_phase_is_known(relative: float, secon
 
 
 def test_a_corrected_sample_is_of_the_bases_own_frame() -> None:
-    side = NominalModel.nominal(kernel('servicer7'))
+    nominal = NominalModel.nominal(kernel('servicer7'))
     samples = observe(configured_motion('servicer7', 0.2, 20.0), MID)
-    assert side.corrected(samples) is samples
+    assert nominal.corrected(samples) is samples
     mount, zeros = 0.1 * generic(0, 6), 0.1 * generic(1, 7)
-    for moved in (NominalModel(side.kernel, zeros, mount, 0.0), NominalModel(side.kernel, zeros * 0.0, mount, 0.0)):
+    for moved in (
+        NominalModel(nominal.kernel, zeros, mount, 0.0),
+        NominalModel(nominal.kernel, zeros * 0.0, mount, 0.0),
+    ):
         found, away = moved.corrected(samples), rotate(samples.base_rotation, mount[None, 3:])
         assert found.joint_position == pytest.approx(samples.joint_position + moved.zeros)
         assert found.base_position == pytest.approx(samples.base_position + away)
@@ -140,12 +143,12 @@ def test_a_gyro_in_a_plane_reads_about_the_normal() -> None:
 
 
 def test_a_gyro_is_linear_unless_it_alone_observes_the_orientation() -> None:
-    side, numbers = NominalModel.nominal(kernel('table1')), generic(0, 13)
+    nominal, numbers = NominalModel.nominal(kernel('table1')), generic(0, 13)
     beside, alone = (gyro(GyroErrors(0.1, 0.2, 0.3, 0.4, cross=0.6, alone=each)) for each in (False, True))
     assert not beside.linearisation_value(numbers, np.ones(13)).any()
-    assert beside.applied_to(side, numbers) is side
+    assert beside.applied_to(nominal, numbers) is nominal
     assert alone.linearisation_value(numbers, np.ones(13)) == pytest.approx([*numbers[:12], 0.0])
-    assert alone.applied_to(side, numbers).gyro == pytest.approx(numbers[:12])
+    assert alone.applied_to(nominal, numbers).gyro == pytest.approx(numbers[:12])
 
 
 @pytest.mark.parametrize('axes', ['body', 'inertial'])
@@ -167,10 +170,10 @@ def test_thrust_that_was_brought_is_taken_off_and_errors_of_thrusters_add_up() -
     unknown = thrusters(['left', 'right'], 0.1, 0.2, 0.3)
     assert np.diag(unknown.factor) == pytest.approx([0.1, 0.2, 0.2, 0.2, 0.3] * 2)
     states: Any = SimpleNamespace(thrust=generic(0, 2, 2, 6, 5))
-    side = NominalModel.nominal(kernel('table1'))
-    columns = unknown.momentum_columns(side.kernel, states)
+    nominal = NominalModel.nominal(kernel('table1'))
+    columns = unknown.momentum_columns(nominal.kernel, states)
     assert columns[1][:, 7] == pytest.approx(-states.thrust[1, 1, :, 2])
-    once = unknown.applied_to(side, generic(1, 10))
+    once = unknown.applied_to(nominal, generic(1, 10))
     assert once.thrust == pytest.approx(generic(1, 10))
     assert unknown.applied_to(once, generic(2, 10)).thrust == pytest.approx(generic(1, 10) + generic(2, 10))
 

@@ -17,7 +17,7 @@ from mbaid_ros.core.noise import (
     variances,
     white_noise,
 )
-from mbaid_ros.core.results.noise_levels import CHANNELS, SensorLevels
+from mbaid_ros.core.results.noise_levels import CHANNELS, NoiseLevels
 
 
 @pytest.mark.parametrize('count', [1, 2, 3, 8, 9])
@@ -79,11 +79,11 @@ def test_slow_means_of_correlated_readings_vary_as_those_of_an_autoregression() 
     assert _correlation_factor(np.array([0.1, 0.2]), 0.0).tolist() == [1.0, 1.0]
 
 
-def levels(declared: float, estimated: float, *, used: bool = False, contradicted: bool = False) -> SensorLevels:
+def levels(declared: float, estimated: float, *, used: bool = False, contradicted: bool = False) -> NoiseLevels:
     """Return levels as declared but for those of the base's position."""
     here = np.isin(CHANNELS, 'base_position')
     usual = np.full(len(CHANNELS), 1e-3)
-    return SensorLevels(
+    return NoiseLevels(
         declared=np.where(here, declared, usual),
         estimated=np.where(here, estimated, usual),
         assumed=np.full(len(CHANNELS), np.nan),
@@ -107,7 +107,7 @@ def levels(declared: float, estimated: float, *, used: bool = False, contradicte
         (levels(np.nan, 2e-3), 'no noise is declared for base position (0.002 m): estimated from the data'),
     ],
 )
-def test_what_differs_from_the_declared_noise_is_listed(found: SensorLevels, text: str) -> None:
+def test_what_differs_from_the_declared_noise_is_listed(found: NoiseLevels, text: str) -> None:
     assert '; '.join(found.differences()) == text
 
 

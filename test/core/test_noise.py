@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from checked import some
 from mbaid_ros.core.geometry import Array, exp
-from mbaid_ros.core.noise import Differences, Levels, NoiseEstimator, NoiseLevels
+from mbaid_ros.core.noise import Differences, FoundLevels, LevelEstimator, NoiseEstimator
 from mbaid_ros.core.odometry.stream import usable_covariance
 from mbaid_ros.core.pipeline import Synchroniser
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
@@ -52,8 +52,8 @@ def as_declared(base: BaseStream, position: Array, rotation: Array, linear: Arra
     return BaseStream(base.stamp, position, rotation, linear, angular, pose, twist)
 
 
-def found(joints: JointStream, base: BaseStream, spacing: float, *, free: bool = True) -> Levels:
-    levels = NoiseLevels(MID, joints.position.shape[1], trusted=not free)
+def found(joints: JointStream, base: BaseStream, spacing: float, *, free: bool = True) -> FoundLevels:
+    levels = LevelEstimator(MID, joints.position.shape[1], trusted=not free)
     levels.add_readings(joints, base)
     return levels.levels_at(ALL, spacing, free=(free, free))
 
@@ -76,7 +76,7 @@ def test_single_readings_far_off_make_little_of_a_difference() -> None:
 
 def test_what_is_found_does_not_depend_on_the_calls() -> None:
     joints, base = streams(4.0, 100.0, jitter=0.5)
-    at_once, bit_by_bit = (NoiseLevels(MID, joints.position.shape[1]) for _ in range(2))
+    at_once, bit_by_bit = (LevelEstimator(MID, joints.position.shape[1]) for _ in range(2))
     at_once.add_readings(joints, base)
     begin = 0
     for end in (*range(7, 400, 13), 400):
@@ -107,7 +107,7 @@ def drifting(constant: float, wrong: float, seed: int) -> tuple[JointStream, Bas
 def test_errors_of_a_navigation_filter_are_found_whatever_is_declared(constant: float, wrong: float) -> None:
     for seed in range(3):
         joints, base = drifting(constant, wrong, seed)
-        levels = NoiseLevels(MID, joints.position.shape[1])
+        levels = LevelEstimator(MID, joints.position.shape[1])
         levels.add_readings(joints, base)
         found = levels.levels_at(ALL, 0.01, free=(False, False))
         assert np.all(found.times > 0.7 * constant)

@@ -205,8 +205,8 @@ def test_the_rows_lack_what_the_orbit_has_brought(seed: int) -> None:
         window_rows(kernel, [each[k : k + 1] for k in range(len(each))], MID, np.zeros(3))
         for each in (samples, with_tide)
     )
-    columns = about_points(with_tide.tide, with_tide.base_position)
-    assert kernel.states(with_tide).tide == pytest.approx(columns)
+    columns = about_points(with_tide.gravity_columns, with_tide.base_position)
+    assert kernel.states(with_tide).gravity_columns == pytest.approx(columns)
     assert rows.offset == pytest.approx(plain.offset - summed_over_bodies(columns, kernel.known), rel=1e-12, abs=1e-12)
     whole = with_tide.impulse[-1] + momentum_change(with_tide, model.body_parameters())
     parts = plain.offset[-1] - rows.offset[-1]
@@ -226,7 +226,7 @@ def test_what_is_left_of_a_simulated_robot_is_constant(name: str) -> None:
     truth = make_simulation(config, model).advance(np.arange(1200) * 0.05)
     samples = FallingFrame(orbit(0.02), model, relative_twist=True).with_momentum(observe(truth, MID), 0)
     total = total_momentum(model, truth)
-    columns = about_points(samples.tide, np.zeros((len(samples), 3)))
+    columns = about_points(samples.gravity_columns, np.zeros((len(samples), 3)))
     left = total - summed_over_bodies(columns, model.body_parameters())
     moved = np.ptp(total, axis=0)
     assert moved.max() > 10.0
@@ -244,9 +244,9 @@ def test_it_is_the_gravity_gradient_torque_about_the_common_centre_of_mass() -> 
     orbit = Orbit.inertial(RATE, np.array([0.3, 0.2, 1.0]), np.array([0.0, 1.0, -0.2]))
     samples = observe(pushed(), MID)[:2]
     frame = FallingFrame(orbit, model, relative_twist=True, located=False)
-    tide = frame.with_momentum(samples, 0).tide
+    gravity_columns = frame.with_momentum(samples, 0).gravity_columns
     bodies, length = model.body_parameters(), float(samples.time[1] - samples.time[0])
-    rate = summed_over_bodies(tide.reshape(2, -1, 6, 10), bodies)[1] / length
+    rate = summed_over_bodies(gravity_columns.reshape(2, -1, 6, 10), bodies)[1] / length
     placed = Kinematics(model).configure(samples.base_rotation, samples.joint_position)
     whole = np.sum(express(bodies, placed.rotation, placed.position), axis=1)[0]
     centre = whole[1:4] / whole[0]

@@ -215,9 +215,9 @@ def test_an_imu_alone_has_no_odometry_mount(alone: bool) -> None:
     robot = kernel('servicer7')
     joints, rng = robot.model.joints, np.random.default_rng(1)
     factor = 1e-3 * rng.normal(size=(16 + 6 * joints, 16 + 6 * joints))
-    side = CalibratedModel((robot.model.links[0],), np.full(joints, 1e-3), np.full(6, 0.01), factor @ factor.T)
+    nominal = CalibratedModel((robot.model.links[0],), np.full(joints, 1e-3), np.full(6, 0.01), factor @ factor.T)
     declared = (gyro(GyroErrors(bias=1e-3, alone=alone)),)
-    _, unknowns, carried = side.with_kernel(robot, declared, located=not alone)
+    _, unknowns, carried = nominal.with_kernel(robot, declared, located=not alone)
     assert any(isinstance(unknown, OdometryMount) for unknown in unknowns) is not alone
     assert len(carried.mean) == sum(unknown.count for unknown in unknowns)
     kept = carried.factor[: 10 + 6 * joints]

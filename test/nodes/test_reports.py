@@ -18,7 +18,7 @@ from mbaid_msgs.msg import InertiaEstimate
 
 from graph import PATIENCE, Graph, executable
 from made_runs import BODY, HOSTILE, budget, estimate, planar
-from mbaid_ros.core.results.noise_levels import SensorLevels
+from mbaid_ros.core.results.noise_levels import NoiseLevels
 from mbaid_ros.estimate_messages import Frames, estimate_message
 from mbaid_ros.nodes import diagnostics, publishers
 from mbaid_ros.nodes.diagnostics import ERROR, OK, Diagnostics, RunState, estimate_report
@@ -114,7 +114,7 @@ def test_the_likeliest_cause_of_a_contradiction_comes_first() -> None:
 
 
 def test_the_noise_that_counts_is_reported_first() -> None:
-    levels = SensorLevels(
+    levels = NoiseLevels(
         declared=np.array([1e-4, np.nan, 1e-3, np.nan, 1e-3, 1e-4]),
         estimated=np.array([2e-4, 1e-3, np.nan, np.nan, 1e-3, 1e-4]),
         assumed=np.array([np.nan, np.nan, np.nan, 1e-4, np.nan, np.nan]),

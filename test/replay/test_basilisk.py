@@ -14,7 +14,7 @@ import pytest
 from made_runs import BODY, run
 from mbaid_ros.core.geometry import unvec
 from mbaid_ros.replay.arguments import export as main
-from mbaid_ros.replay.output import as_json
+from mbaid_ros.replay.json_output import as_json
 
 pytest.importorskip('Basilisk', reason='Basilisk is not installed (pip install bsk)')
 

@@ -25,8 +25,8 @@ from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.estimate_messages import Frames, estimate_message
 from mbaid_ros.replay.arguments import export as main
 from mbaid_ros.replay.export import box_sizes
+from mbaid_ros.replay.json_output import as_json
 from mbaid_ros.replay.one_bag import EstimateWriter
-from mbaid_ros.replay.output import as_json
 from mbaid_ros.replay.provenance import made_by
 from simulated import CONFIG
 

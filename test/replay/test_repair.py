@@ -9,7 +9,7 @@ from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.config.parameter_files import load_parameter_file
 from mbaid_ros.core.repair import Conversion, Repair
 from mbaid_ros.parameters import build
-from mbaid_ros.replay.output import as_json, parameter_file
+from mbaid_ros.replay.json_output import as_json, parameter_file
 from mbaid_ros.replay.report.page import html
 from mbaid_ros.replay.text import summary, verdict
 

@@ -17,8 +17,8 @@ from mbaid_ros.errors import ParameterError
 from mbaid_ros.parameters import build
 from mbaid_ros.replay.arguments import _replay_parser
 from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.replay.json_output import as_json, passive_joints
 from mbaid_ros.replay.one_bag import replay_bag
-from mbaid_ros.replay.output import as_json, passive_joints
 from mbaid_ros.replay.replay import exit_code
 from mbaid_ros.replay.report.page import html
 from mbaid_ros.replay.results import Arrivals, History, Run, TopicStatistics, holdout_of

@@ -90,8 +90,8 @@ def test_a_body_is_pulled_as_its_points_are(seed: int) -> None:
     assert standard(body)[4:] == pytest.approx(vec(inertia))
     about = np.array([[body[4], body[5], body[6]], [body[5], body[7], body[8]], [body[6], body[8], body[9]]])
     origin, place, rotation = rng.normal(size=3), rng.normal(size=3), exp(rng.normal(size=3))
-    tide = GravityGradient(around, origin, body[:1], body[None, 1:4], about[None])
-    found = tide.wrenches(BodyPoses(time, rotation[None], place[None], np.zeros(3)))[0]
+    gravity_columns = GravityGradient(around, origin, body[:1], body[None, 1:4], about[None])
+    found = gravity_columns.wrenches(BodyPoses(time, rotation[None], place[None], np.zeros(3)))[0]
     at = origin + place + points @ rotation.T
     up = around.zenith_at(np.array([time]))[0]
     pulls = 0.03**2 * masses[:, None] * (3.0 * (at @ up)[:, None] * up - at)

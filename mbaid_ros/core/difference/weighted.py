@@ -154,9 +154,9 @@ def _mean_rows(kernel: MomentumKernel, samples: Samples, counts: Counts) -> tupl
     thrust[:, 3:] -= cross(samples.base_position, thrust[:, :3])
     known = states.known_momentum - thrust
     regressors = np.concatenate([states.regressor_of(link) for link in kernel.unknown], axis=2)
-    if samples.tide.shape[1]:  # without the momentum that an orbit adds, the rest is constant
-        known -= summed_over_bodies(states.tide, kernel.known)
-        regressors -= np.concatenate([link_columns(states.tide, link) for link in kernel.unknown], axis=2)
+    if samples.gravity_columns.shape[1]:  # without the momentum that an orbit adds, the rest is constant
+        known -= summed_over_bodies(states.gravity_columns, kernel.known)
+        regressors -= np.concatenate([link_columns(states.gravity_columns, link) for link in kernel.unknown], axis=2)
     return mean_of_each(known, counts), mean_of_each(regressors, counts)
 
 
@@ -185,9 +185,9 @@ def _derivatives(kernel: MomentumKernel, point: Samples) -> tuple[Array, Array]:
     # Only L_0 - p x P_0 depends on the base's position: d/dp_k of -(L_0 - p x P_0) is e_k x P_0.
     target[:, 3:, place, bodies : bodies + 3] = np.swapaxes(skew(np.eye(3)), 0, 1)
     known[:, 3:, place, 0] = -skew(point.impulse[:, :3])
-    if point.tide.shape[1]:  # likewise L - p x P of the momentum that an orbit adds
-        known[:, 3:, place, 0] -= skew(summed_over_bodies(states.tide, kernel.known)[:, :3])
-        linear = np.concatenate([link_columns(states.tide, link)[:, :3] for link in kernel.unknown], axis=-1)
+    if point.gravity_columns.shape[1]:  # likewise L - p x P of the momentum that an orbit adds
+        known[:, 3:, place, 0] -= skew(summed_over_bodies(states.gravity_columns, kernel.known)[:, :3])
+        linear = np.concatenate([link_columns(states.gravity_columns, link)[:, :3] for link in kernel.unknown], axis=-1)
         target[:, 3:, place, :bodies] -= np.moveaxis(skew(np.moveaxis(linear, 1, -1)), 1, -1)
     known[:, :, rest.stop :, 0] = kernel.storage.jacobian(states.configuration.rotation)
     return known, target
@@ -476,7 +476,7 @@ class DifferenceRun:
         return Solution(
             x=self.space.basis @ window.x,
             covariance=covariances[0],
-            cautious_covariance=covariances[1],
+            covariance_for_identifiability=covariances[1],
             # Uncertain parameters leave residuals that the noise does not explain.
             cost=linear.cost * max(redundancy, 1) / (max(redundancy, 1) + surplus),
             redundancy=redundancy,

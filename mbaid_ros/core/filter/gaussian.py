@@ -12,7 +12,7 @@ from scipy.linalg.lapack import dgeqrf, dtpmqrt, dtpqrt, dtrtri, dtrtrs
 from mbaid_ros.core.contracts import Axes
 from mbaid_ros.core.filter.linearise import WhitenedWindow
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.odometry.model import TwistLink
+from mbaid_ros.core.odometry.model import BorderNoise
 from mbaid_ros.core.results.verdict import Innovations
 from mbaid_ros.core.state import OPEN_LENGTH, Variables
 
@@ -32,10 +32,10 @@ def upper_ones(size: int) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class ConditionalRoot:
+class BiasSeparatedRoot:
     """R x + S f = z: square-root information of the variables x given constant forces f (Friedland 1969).
 
-    First among the variables may be l numbers that link windows (`TwistLink`): c, or between an update and the step
+    First among the variables may be l numbers that link windows (`BorderNoise`): c, or between an update and the step
     after it the noise q of the window's way, and c.
     """
 
@@ -47,10 +47,10 @@ class ConditionalRoot:
     links: int = 0  # l
 
     @staticmethod
-    def from_rows(rows: Array, forces: tuple[Axes, ...], links: int = 0) -> ConditionalRoot:
+    def from_rows(rows: Array, forces: tuple[Axes, ...], links: int = 0) -> BiasSeparatedRoot:
         """Return that of rows (l + v, l + v + 2 + g): R, and beside it the right-hand sides."""
         size = len(rows)
-        return ConditionalRoot(np.asfortranarray(rows[:, :size]), np.asfortranarray(rows[:, size:]), forces, links)
+        return BiasSeparatedRoot(np.asfortranarray(rows[:, :size]), np.asfortranarray(rows[:, size:]), forces, links)
 
     def rows(self, count: int | None = None) -> Array:
         """Return the first `count` rows, or all, (r, l + v + 2 + g)."""
@@ -62,7 +62,7 @@ class ConditionalRoot:
         start = 2 + (self.forces.index(axes) * count if count else 0)
         return slice(start, start + count)
 
-    def with_first(self, first: Array, count: int, links: int = 0) -> ConditionalRoot:
+    def with_first(self, first: Array, count: int, links: int = 0) -> BiasSeparatedRoot:
         """Return r rows in place of the first `count`: the first `count` - r variables have been eliminated."""
         gone = count - len(first)
         triangle, right = self.triangle[gone:, gone:].copy(order='F'), self.right[gone:].copy(order='F')
@@ -70,11 +70,11 @@ class ConditionalRoot:
         return replace(self, triangle=triangle, right=right, links=links)
 
     @property
-    def unlinked(self) -> ConditionalRoot:
+    def unlinked(self) -> BiasSeparatedRoot:
         """The same without the numbers that link windows: the rows of the others are their marginal."""
         return self.with_first(self.rows(0)[:, self.links :], self.links) if self.links else self
 
-    def linked(self, link: TwistLink) -> ConditionalRoot:
+    def linked(self, link: BorderNoise) -> BiasSeparatedRoot:
         """Return the same before a window that is linked: q comes first, c next, k numbers each.
 
         Where no c has been carried to the window, it is as uncertain as a first pose.
@@ -86,7 +86,7 @@ class ConditionalRoot:
         triangle[own, own], right[own] = self.triangle, self.right
         return replace(self, triangle=triangle, right=right, links=2 * count)
 
-    def updated(self, window: WhitenedWindow) -> tuple[ConditionalRoot, Array, Array]:
+    def updated(self, window: WhitenedWindow) -> tuple[BiasSeparatedRoot, Array, Array]:
         """Return the same after a window's w rows H and values; the shift by their shared noise, and the remainder.
 
         One factorisation of R above H, beside it S above 0, z above the values, and 0 above 1. It turns the 1 into J,
@@ -94,7 +94,7 @@ class ConditionalRoot:
         derivative by the forces. All of that is left, (w, w + 2 + g), J first and made a triangle: innovations are
         normalised, each given those after it. So the rows are taken in reverse.
         """
-        link, count = window.twist_link, len(window.value)
+        link, count = window.border_noise, len(window.value)
         before = self.unlinked if link is None else self.linked(link)
         own, size, width = slice(before.links, None), len(before.triangle), before.right.shape[1]
         if not count:  # LAPACK accepts no empty rows
@@ -120,7 +120,7 @@ def with_force(force: Array, left: Array, own: slice) -> tuple[Array, Array, Arr
     Parameters
     ----------
     force, own : (f, f + 2) before, and its columns in the next
-    left : (w, 2 + g) of the window, as of `ConditionalRoot.right`
+    left : (w, 2 + g) of the window, as of `BiasSeparatedRoot.right`
     """
     size, count = len(force), len(left)
     wide = np.zeros((size + count, size + count + 2), order='F')
@@ -135,7 +135,7 @@ def with_force(force: Array, left: Array, own: slice) -> tuple[Array, Array, Arr
 class SquareRootInformation:
     """A Gaussian of the scaled variables: those of `Variables`, then those of a constant force where there is one."""
 
-    conditional: ConditionalRoot  # of the variables; the same object in hypotheses that share it
+    conditional: BiasSeparatedRoot  # of the variables; the same object in hypotheses that share it
     axes: Axes  # of the constant force
     force: Array  # (f, f + 2) its triangle T, and beside it what is on the right of the variables' rows
     innovations: Innovations  # sensor by sensor
@@ -156,7 +156,7 @@ class SquareRootInformation:
         right = np.zeros((len(value), 2 + len(acting) * count), order='F')
         right[:, 1] = value
         shared, nothing = (
-            ConditionalRoot(np.asfortranarray(triangle), right, acting),
+            BiasSeparatedRoot(np.asfortranarray(triangle), right, acting),
             Innovations.none(variables.sources),
         )
         own = [np.eye(size, size + 2) for size in np.where(np.array(forces) == 'none', 0, count)]
@@ -178,7 +178,7 @@ class SquareRootInformation:
 
     @property
     def equations(self) -> tuple[Array, Array]:
-        """R x = z of variables and force, (n, n) and (n, 2), z as of `ConditionalRoot`; without a force no copies."""
+        """R x = z of variables and force, (n, n) and (n, 2), z as of `BiasSeparatedRoot`; without a force no copies."""
         shared, size = self.conditional.unlinked, self.size
         if not len(self.force):
             return shared.triangle, shared.right[:, :2]

@@ -14,9 +14,9 @@ from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.filter.time_update import advance, at_window_start, momentum_inflation, pose_reset
 from mbaid_ros.core.geometry import Array, chi_square_limit
 from mbaid_ros.core.gyro import angular_momentum
-from mbaid_ros.core.results.identifiable import IMPOSSIBLE, Curvature, project
+from mbaid_ros.core.results.identifiable import IMPOSSIBLE, Nonlinearity, project
 from mbaid_ros.core.robot.momentum import is_physical, physical_shift, unknown_scale
-from mbaid_ros.core.state import BODY, BODY_PLACES, LINEAR, MOMENTUM, Layout, Point, Variables, near_part
+from mbaid_ros.core.state import BODY, BODY_PLACES, LINEAR, MOMENTUM, Layout, Point, Variables, trust_region
 from mbaid_ros.core.windows import Window
 from mbaid_ros.tasks import Work
 
@@ -203,7 +203,7 @@ def is_converged(step: Array, deviation: Array) -> bool:
     return bool(np.all(np.abs(step) <= _CONVERGED * deviation))
 
 
-def turns_back(step: Array, before: Array, deviation: Array) -> bool:
+def reverses(step: Array, before: Array, deviation: Array) -> bool:
     """Return whether a step reverses the one before, which was too long."""
     scaled, last = (each / np.where(deviation > 0.0, deviation, np.inf) for each in (step, before))
     return bool(scaled @ last < _BACK * np.linalg.norm(scaled) * np.linalg.norm(last))
@@ -312,7 +312,7 @@ class BatchIteration:
             point = result.point
             if self.variables.has_body_prior and not result.converged:
                 step = point.parameters - result.linearised_at.parameters
-                back = before.size > 0 and turns_back(step, before, result.deviation)
+                back = before.size > 0 and reverses(step, before, result.deviation)
                 pace, before = 0.5 * pace if back else min(1.0, 1.5 * pace), step
                 held = result.linearised_at.state
                 point = self.layout.point(held + pace * (point.state - held))
@@ -333,7 +333,7 @@ class BatchIteration:
         state_there = self.layout.linearisation_state(state, distribution.deviation)
         step: Array = state_there[self.layout.parameters] - parameters
         converged = is_converged(step, deviation)
-        step *= near_part(parameters, step)
+        step *= trust_region(parameters, step)
         state[self.layout.parameters] = parameters + step
         point = self.layout.point(state, distribution.deviation)
         physical = correction < IMPOSSIBLE
@@ -354,7 +354,7 @@ class BatchIteration:
         state = distribution.mean + distribution.factor @ np.linalg.lstsq(factor, (nearest - body) / scale)[0]
         return np.asarray(state), distance
 
-    def nonlinearity(self, stacks: list[list[Stack]], filtered: HypothesisFilter) -> Work[Curvature]:
+    def nonlinearity(self, stacks: list[list[Stack]], filtered: HypothesisFilter) -> Work[Nonlinearity]:
         """Return how far a converged solution moves where its windows are linearised at other points of its interval.
 
         Parameters
@@ -368,18 +368,18 @@ class BatchIteration:
         covariances: list[Array] = []
         for _ in range(_DRAWS):
             step = distribution.factor @ draws.standard_normal(distribution.factor.shape[1])
-            part = near_part(distribution.mean[self.layout.parameters], step[self.layout.parameters])
+            part = trust_region(distribution.mean[self.layout.parameters], step[self.layout.parameters])
             shift, covariance = yield from self._shift(stacks, filtered, distribution, part * step)
             covariances.append(covariance)
             shift[BODY] = physical_shift(distribution.mean[BODY], part * step[BODY], shift[BODY])
             shifts.append(shift / part**2)  # of second order in the step
         moved = np.array(shifts)
         unknowns = moved[:, BODY.stop :] @ self.layout.known.whitening.T
-        return Curvature(
+        return Nonlinearity(
             moved[:, BODY], distribution.covariance(BODY_PLACES), unknowns=unknowns, covariances=np.array(covariances)
         )
 
-    def newton_step(self, stacks: list[list[Stack]], filtered: HypothesisFilter) -> Work[Curvature]:
+    def newton_step(self, stacks: list[list[Stack]], filtered: HypothesisFilter) -> Work[Nonlinearity]:
         """Return how far the solution moves where all windows are linearised at it: a Newton step.
 
         Parameters
@@ -389,7 +389,7 @@ class BatchIteration:
         """
         distribution = MeanAndCovariance.from_gaussian(filtered.gaussian, self.variables)
         shift, _ = yield from self._shift(stacks, filtered, distribution, np.zeros(len(distribution.mean)))
-        curvature = Curvature(shift[None, BODY], distribution.covariance(BODY_PLACES))
+        curvature = Nonlinearity(shift[None, BODY], distribution.covariance(BODY_PLACES))
         return replace(curvature, largest=_DISPLACED) if curvature.is_nonlinear else curvature
 
     def _shift(
@@ -419,7 +419,7 @@ class Start:
     accepted: bool  # whether the search has converged to one acceptable point
     covariance: Array  # (10, 10) of the body, of the windows that were searched
     # computes how near linear the windows are about the point; None where it is not accepted
-    nonlinearity: Work[Curvature] | None
+    nonlinearity: Work[Nonlinearity] | None
 
 
 @dataclass(frozen=True)

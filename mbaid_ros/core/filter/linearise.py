@@ -16,10 +16,10 @@ from mbaid_ros.core.contracts import Axes, Course, Motion, Sensor, Stack, stacke
 from mbaid_ros.core.geometry import Array, Integers, composed, cross, exp, skew
 from mbaid_ros.core.joints.model import JointNoise, by_deflections, errors_in_variables_bias, joint_noise
 from mbaid_ros.core.odometry.model import (
+    BorderNoise,
     IntegratedTwist,
     Measurement,
     Twist,
-    TwistLink,
     at_knots,
     integral_weights,
     integrated_twist,
@@ -39,7 +39,7 @@ from mbaid_ros.core.passive.swing import (
     PassiveColumns,
     PassiveInertias,
     PassiveMotion,
-    SwingCourse,
+    SwingTrajectory,
     passive_columns,
     spring_constants,
 )
@@ -50,8 +50,8 @@ from mbaid_ros.core.robot.momentum import (
     MomentumKernel,
     about_points,
     in_plane,
+    inverse_inertia_and_joint_momentum,
     link_columns,
-    mobility_and_joint_momentum,
     summed_over_bodies,
 )
 from mbaid_ros.core.samples import ArrayRecord
@@ -74,12 +74,12 @@ def total_momentum(middle: Midpoints, point: Point, known: Array, impulses: tupl
     known : (n + 1, 10) standard parameters of all bodies
     impulses : columns of tide and of thrusters that deviate from their commands
     """
-    parameters, (tide, thrust) = point.parameters, impulses
+    parameters, (gravity_columns, thrust) = point.parameters, impulses
     linear, angular = parameters[:3] + middle.impulse[:, :3], parameters[3:6] + middle.impulse[:, 3:]
     about_base = angular - cross(middle.base_position, linear)
-    parts = [(tide, known)] if tide.shape[1] else []
-    if thrust.shape[1] and point.side.thrust.any():
-        parts.append((thrust, point.side.thrust.reshape(-1, THRUSTER_ERRORS)))
+    parts = [(gravity_columns, known)] if gravity_columns.shape[1] else []
+    if thrust.shape[1] and point.nominal.thrust.any():
+        parts.append((thrust, point.nominal.thrust.reshape(-1, THRUSTER_ERRORS)))
     for columns, numbers in parts:
         more = summed_over_bodies(columns, numbers)
         linear, about_base = linear + more[:, :3], about_base + more[:, 3:]
@@ -96,27 +96,27 @@ def predict(layout: Layout, middle: Midpoints, point: Point, along: Array | None
     point : its momentum is that before any known thrust or orbit, L about the run's origin
     along : (N, f) s of passive joints, whose rates follow and are zero in `middle`; None without any
     """
-    parameters, kernel = point.parameters, point.side.kernel
+    parameters, kernel = point.parameters, point.nominal.kernel
     target, kinematics = kernel.target, kernel.kinematics
     known = kernel.body_parameters(parameters[6:16])
     placed = kinematics.configure(middle.base_rotation, middle.joint_position)
     body_twist = kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
     expressed = express(known, placed.rotation, placed.position)
-    mobility, moving = mobility_and_joint_momentum(kernel, middle.stored, expressed, placed, body_twist)
+    inverse_inertia, moving = inverse_inertia_and_joint_momentum(kernel, middle.stored, expressed, placed, body_twist)
     if layout.plane is not None:
-        mobility = in_plane(mobility, layout.plane)
-    tide = about_points(middle.tide, middle.base_position)
+        inverse_inertia = in_plane(inverse_inertia, layout.plane)
+    gravity_columns = about_points(middle.gravity_columns, middle.base_position)
     thrust = about_points(middle.thrust, middle.base_position, THRUSTER_ERRORS)
-    linear, about_base = total_momentum(middle, point, known, (tide, thrust))
+    linear, about_base = total_momentum(middle, point, known, (gravity_columns, thrust))
     total = np.concatenate((linear, about_base), axis=1) - moving
     motion: PassiveMotion | None = None
     if along is None:
-        twist: Array = (mobility @ total[..., None])[..., 0]
+        twist: Array = (inverse_inertia @ total[..., None])[..., 0]
         body_twist += twist[:, None]
     else:
         joints = list(kernel.springs.joints)
-        deflection = middle.joint_position[:, joints] - point.side.zeros[joints]
-        inertias = PassiveInertias.from_bodies(kernel, expressed, placed, mobility)
+        deflection = middle.joint_position[:, joints] - point.nominal.zeros[joints]
+        inertias = PassiveInertias.from_bodies(kernel, expressed, placed, inverse_inertia)
         state, constants = (deflection, along), spring_constants(kernel, known)
         motion = PassiveMotion.from_state(kernel, inertias, expressed, (body_twist, total), state, constants)
         twist, body_twist = motion.twist, motion.body_twist
@@ -128,17 +128,17 @@ def predict(layout: Layout, middle: Midpoints, point: Point, along: Array | None
         body_twist[:, target.body],
         kernel.storage,
         middle.stored,
-        tide,
+        gravity_columns,
         thrust,
     )
     right = _right_hand_sides(layout, kernel, states, middle.base_position, (linear, about_base))
     passive: PassiveColumns | None = None
     if motion is None:
-        solved: Array = mobility @ right
+        solved: Array = inverse_inertia @ right
     else:
         solved, passive = passive_columns(layout, point, states, motion, right, deflection)
-        mobility = motion.inertias.free_mobility
-    return Prediction(twist, solved[..., :-6], solved[..., -6:]), Bodies(known, mobility, states, passive)
+        inverse_inertia = motion.inertias.free_mobility
+    return Prediction(twist, solved[..., :-6], solved[..., -6:]), Bodies(known, inverse_inertia, states, passive)
 
 
 def _right_hand_sides(
@@ -155,8 +155,8 @@ def _right_hand_sides(
     right[..., :6] = np.eye(6)
     right[:, 3:, :3] = -skew(position)
     right[..., 6:16] = -states.regressor
-    if states.tide.shape[1]:
-        right[..., 6:16] += link_columns(states.tide, kernel.target)
+    if states.gravity_columns.shape[1]:
+        right[..., 6:16] += link_columns(states.gravity_columns, kernel.target)
     column = 16
     for unknown in layout.predicted:
         columns = unknown.momentum_columns(kernel, states)
@@ -231,7 +231,7 @@ class WindowModel(ArrayRecord):
 
 
 def window_models(
-    layout: Layout, stacks: Sequence[Stack], point: Point, course: SwingCourse | None = None
+    layout: Layout, stacks: Sequence[Stack], point: Point, course: SwingTrajectory | None = None
 ) -> WindowModel:
     """Return windows linearised at one point, in their order before they were stacked.
 
@@ -243,20 +243,20 @@ def window_models(
     point : windows of one chain share its readings, which correct the motion
     course : of passive joints in the windows before; None where there are none of either
     """
-    swinging = point.side.kernel.springs.count > 0
-    motions: Motions = [stack.motion(point.side, BESIDE if swinging else 1) for stack in stacks]
+    swinging = point.nominal.kernel.springs.count > 0
+    motions: Motions = [stack.motion(point.nominal, BESIDE if swinging else 1) for stack in stacks]
     swing: Array | None = None
     if swinging:
-        course = course or SwingCourse(layout, predict)
+        course = course or SwingTrajectory(layout, predict)
         motions, prediction, bodies, swing = course.predict(stacks, motions, point)
     else:
         prediction, bodies = predict(layout, Midpoints.concatenate([motion.flat for motion, _ in motions]), point)
     for unknown, place in layout.of_joints:
         every = Midpoints.concatenate([motion.flat for motion, _ in motions])
-        prediction.by_parameters[..., place] += by_deflections(unknown, point.side.kernel, every, bodies)
+        prediction.by_parameters[..., place] += by_deflections(unknown, point.nominal.kernel, every, bodies)
     predictions = prediction.divided([motion.turn.shape[:2] for motion, _ in motions])
     noises = joint_noise(
-        layout, point.side.kernel, stacks, [inside for _, inside in motions], predictions, bodies, swing=swing
+        layout, point.nominal.kernel, stacks, [inside for _, inside in motions], predictions, bodies, swing=swing
     )
     models, begin = [], 0
     for stack, motion, prediction, noise in zip(stacks, motions, predictions, noises, strict=True):
@@ -422,11 +422,11 @@ class WhitenedWindow:
     pose_error_by_momentum: Array  # (6, 6) derivative of the next pose error by the momentum, SI units
     momentum_change: Array  # (p, v) change of the momentum until the next window by the variables
     momentum_by_force: Array  # (3, p, f) change of the momentum by a constant force and torque, acting as in `_ACTING`
-    by_process_steps: Array  # (p, f) as of `JointNoise`
+    process_gain: Array  # (p, f) as of `JointNoise`
     process_variance: Array  # (f,) the same
     length: float  # s
     places: Integers  # (k,) of the values among the numbers that a window may measure, as of `Innovations`
-    twist_link: TwistLink | None = None  # for an integrated twist, the links to the windows before and after
+    border_noise: BorderNoise | None = None  # for an integrated twist, the links to the windows before and after
 
     def with_known(self, values: Array) -> WhitenedWindow:
         """Return the window where some variables are known exactly: their values (v,), NaN for the others."""
@@ -457,7 +457,7 @@ def whitened_windows(windows: WindowModel, variables: Variables) -> list[Whitene
     weighed = pose.weighed(windows.noise.pose)
     places = np.arange(len(select))
     measured = [(*each, places) for each in zip(pose.value, pose.rows, pose.log_noise, strict=True)]
-    links: list[TwistLink | None] = [None] * len(measured)
+    links: list[BorderNoise | None] = [None] * len(measured)
     integrated = windows.integrated.replaces_twist
     if integrated.any():
         chosen = windows[integrated]
@@ -496,7 +496,7 @@ def whitened_windows(windows: WindowModel, variables: Variables) -> list[Whitene
             windows.transition[..., MOMENTUM],
             variables.from_state[variables.poses : variables.head, MOMENTUM] @ variables.rows(windows.momentum_change),
             _momentum_by_force(windows, variables),
-            turn @ windows.noise.by_process_steps,
+            turn @ windows.noise.process_gain,
             windows.noise.process_variance,
             windows.length.tolist(),
             (each[3] for each in measured),
@@ -587,7 +587,7 @@ class LinearisationCache:
     def __init__(self, layout: Layout, variables: Variables) -> None:
         self._layout = layout
         self._variables = variables
-        self._course = SwingCourse(layout, predict) if layout.kernel.springs.count else None
+        self._course = SwingTrajectory(layout, predict) if layout.kernel.springs.count else None
         self._coming: Sequence[Window] = ()
         self._turn: dict[Window, int] = {}
         self._made: dict[Window, WhitenedWindow] = {}

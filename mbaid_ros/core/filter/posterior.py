@@ -124,7 +124,7 @@ class PriorComparison:
 
 
 @dataclass(frozen=True, eq=False)
-class PriorScaleFactors:
+class VarianceComponents:
     """Variance components of the unknowns' priors (Koch 1999, section 3.6; trajectory.md, eq. 7).
 
     If the observed unknowns of a kind are k times as far off as declared, the unobserved ones probably are as well. A
@@ -142,14 +142,14 @@ class PriorScaleFactors:
     @staticmethod
     def from_posterior(
         values: Array, covariance: Array, causes: Sequence[str], parts: Sequence[str], moved: Array | None = None
-    ) -> PriorScaleFactors:
+    ) -> VarianceComponents:
         """Return the factors that data make likely.
 
         Parameters
         ----------
         values, covariance : (e,), (e, e) of the numbers, of unit variance about zero a priori
         causes, parts : 'zero:joint1' that each belongs to, 'mass:link1' that it is by itself, or empty
-        moved : (d, e) as of `Curvature.unknowns`
+        moved : (d, e) as of `Nonlinearity.unknowns`
         """
         groups = _Groups.from_causes(tuple(causes), tuple(parts))
         each, names = np.ones(len(values)), groups.rows
@@ -173,7 +173,7 @@ class PriorScaleFactors:
                 found = PriorComparison.from_posterior(values[own], covariance[own[:, None], own]).likely_scales(*_KIND)
                 scales[kind] = LikelyScale(*map(float, found))
                 each[own] = np.maximum(each[own], scales[kind].factor)
-        return PriorScaleFactors(
+        return VarianceComponents(
             {name: scales[name] for name in groups.within},
             {thing: distances[thing] for thing in groups.things},
             each,
@@ -319,7 +319,7 @@ class MeanAndCovariance:
         part = self.factor_of(self.variables.to_state[rows])
         return np.asarray(part @ part.T + self.variables.covariance_outside[np.ix_(rows, rows)])
 
-    def published(self, prior_scales: PriorScaleFactors, layout: Layout, rows: Integers) -> tuple[Array, Array]:
+    def published(self, prior_scales: VarianceComponents, layout: Layout, rows: Integers) -> tuple[Array, Array]:
         """Return some numbers (r,) of the state, the body's among them, and a covariance factor (r, w), as published.
 
         With the correction for noise in the rows (trajectory.md, eq. 14), and the priors scaled (eq. 7).
@@ -384,10 +384,10 @@ class MeanAndCovariance:
             values, covariance = values * free, covariance * np.outer(free, free) + np.diag(layout.noise_driven)
         return values, covariance
 
-    def prior_scales(self, layout: Layout, moved: Array | None = None) -> PriorScaleFactors:
-        """Return the scale factors of the unknowns' priors; `moved` (d, e) as of `Curvature.unknowns`."""
+    def prior_scales(self, layout: Layout, moved: Array | None = None) -> VarianceComponents:
+        """Return the scale factors of the unknowns' priors; `moved` (d, e) as of `Nonlinearity.unknowns`."""
         numbers = self.unknowns_as_declared(layout)
-        return PriorScaleFactors.from_posterior(*numbers, layout.cause_of, layout.part_of, moved)
+        return VarianceComponents.from_posterior(*numbers, layout.cause_of, layout.part_of, moved)
 
     def contributions(self, factor: Array, layout: Layout) -> Array:
         """Return the contributions (e, m) of the unknowns' independent numbers to the errors of m numbers.
@@ -508,7 +508,7 @@ class Posterior:
 
 
 def posterior(
-    layout: Layout, hypothesis: Hypothesis, distribution: MeanAndCovariance, prior_scales: PriorScaleFactors, end: End
+    layout: Layout, hypothesis: Hypothesis, distribution: MeanAndCovariance, prior_scales: VarianceComponents, end: End
 ) -> Posterior:
     """Return the posterior of a run, as published, from the mean and covariance of its state."""
     variables, rows, mean = distribution.variables, np.arange(FIRST, layout.size), distribution.mean.copy()
@@ -523,7 +523,7 @@ def error_budget(
     distribution: MeanAndCovariance,
     layout: Layout,
     declared: Declared,
-    prior_scales: PriorScaleFactors,
+    prior_scales: VarianceComponents,
     known: Flags,
 ) -> ErrorBudget:
     """Return the variance by source of the ten parameters; NaN where unknown. The rest of all priors is sensor noise.

@@ -21,13 +21,13 @@ from mbaid_ros.core.filter.hypotheses import (
     update_bank,
 )
 from mbaid_ros.core.filter.linearise import LinearisationCache
-from mbaid_ros.core.filter.posterior import MeanAndCovariance, PriorScaleFactors
+from mbaid_ros.core.filter.posterior import MeanAndCovariance, VarianceComponents
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.passive.joints import resolved_frequencies
-from mbaid_ros.core.results.identifiable import Curvature
+from mbaid_ros.core.passive.model import resolved_frequencies
+from mbaid_ros.core.results.identifiable import Nonlinearity
 from mbaid_ros.core.results.verdict import LARGEST_NIS
 from mbaid_ros.core.robot.momentum import body_sizes
-from mbaid_ros.core.state import BODY, BODY_PLACES, Layout, Point, Variables, near_part
+from mbaid_ros.core.state import BODY, BODY_PLACES, Layout, Point, Variables, trust_region
 from mbaid_ros.core.windows import Window
 from mbaid_ros.tasks import AT_ONCE, Kind, Tasks, outcome_or_none
 
@@ -93,7 +93,7 @@ class LinearisationPoint:
         moving = (deviation < _WELL_KNOWN) | (offset**2 > _CURVED * deviation)
         state += variables.to_state[:, lasting] @ (directions @ np.where(moving, offset, 0.0) / unit)
         step = state[layout.parameters] - held.parameters
-        part = near_part(held.parameters, step)
+        part = trust_region(held.parameters, step)
         state[layout.parameters] = held.parameters + part * step
         # The next window continues the error chain of the last: at the same readings.
         state[layout.readings] = held.readings
@@ -162,8 +162,8 @@ class Run:
         self._linearised_until = -np.inf  # s, start of the last of these
         self._accepted = self._confirmed = False  # whether the latest search has been, and then by the search after it
         self._consistent = True  # whether the latest search explains its windows
-        self._nonlinearity: Curvature | None = None  # about the solution of a search
-        self._newton_step: Curvature | None = None  # of the solution from where its windows are linearised
+        self._nonlinearity: Nonlinearity | None = None  # about the solution of a search
+        self._newton_step: Nonlinearity | None = None  # of the solution from where its windows are linearised
         self._covariance: Array | None = None  # of the body when all windows were linearised last; None: not all are
 
     @property
@@ -190,7 +190,7 @@ class Run:
     @property
     def has_joint_delay(self) -> bool:
         """Whether the estimate has a delay of the joints' stamps."""
-        return self._point is not None and self._point.point.side.delay != 0.0
+        return self._point is not None and self._point.point.nominal.delay != 0.0
 
     @property
     def log_likelihood_ratio(self) -> float:
@@ -247,7 +247,7 @@ class Run:
         deviation = self.distribution_of_first().deviation
         return self._frozen_resolved & resolved_frequencies(self._layout, deviation, seconds)
 
-    def nonlinearities(self, *, consistent: bool) -> tuple[Curvature, ...]:
+    def nonlinearities(self, *, consistent: bool) -> tuple[Nonlinearity, ...]:
         """Return the nonlinearity of the windows; about the present estimate only where the model explains the data."""
         known = (self._nonlinearity, self._newton_step if consistent else None)
         return tuple(each for each in known if each is not None)
@@ -260,7 +260,7 @@ class Run:
         """Return the state under the first hypothesis, which lets nothing drift."""
         return MeanAndCovariance.from_gaussian(self._bank[0].gaussian, self._variables)
 
-    def prior_scales(self, distribution: MeanAndCovariance) -> PriorScaleFactors:
+    def prior_scales(self, distribution: MeanAndCovariance) -> VarianceComponents:
         """Return the scale factors of the unknowns' priors at a mean and covariance of this run."""
         known = self._nonlinearity
         return distribution.prior_scales(self._layout, known.unknowns if known else None)
@@ -368,7 +368,7 @@ class Run:
         if not start.accepted:
             self._freeze_if_possible()
 
-    def _take_nonlinearity(self, nonlinearity: Curvature) -> None:
+    def _take_nonlinearity(self, nonlinearity: Nonlinearity) -> None:
         self._nonlinearity = nonlinearity
         self._freeze_if_possible()
 
@@ -378,7 +378,7 @@ class Run:
             work = self._batch.newton_step(in_stacks(self._windows), filtered)
             self._tasks.begin(Kind.NEWTON_STEP, work, self._take_newton_step, size=self._layout.size)
 
-    def _take_newton_step(self, step: Curvature) -> None:
+    def _take_newton_step(self, step: Nonlinearity) -> None:
         self._newton_step = step
         self._covariance = None if self._covariance is None else step.covariance
         # Where the data contradict the model, no point is that where the windows are near linear.

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg.lapack import dgeqrf
 
 from mbaid_ros.core.contracts import Axes, Hypothesis
-from mbaid_ros.core.filter.gaussian import ConditionalRoot, SquareRootInformation, identity, upper_ones
+from mbaid_ros.core.filter.gaussian import BiasSeparatedRoot, SquareRootInformation, identity, upper_ones
 from mbaid_ros.core.filter.linearise import WhitenedWindow
 from mbaid_ros.core.geometry import Array, Integers
 from mbaid_ros.core.state import MOMENTUM, POSE, Variables
@@ -21,7 +21,7 @@ class MomentumChange:
     """The change of the momentum over some seconds, and of the f Gauss-Markov processes that bring a part of it."""
 
     by_variables: Array  # (p, v) by the variables at the begin
-    by_process_steps: Array  # (h, f) of the first variables with a process, when that grows by one until the end
+    process_gain: Array  # (h, f) of the first variables with a process, when that grows by one until the end
     noise: Array  # (p, f) factor, given the processes at both ends
     autocorrelation: Array  # (f,) autocorrelation of the processes that bring momentum; 0 of others
 
@@ -57,7 +57,7 @@ def advance(
 
     With an integrated twist c goes along (trajectory.md, eq. 10).
     """
-    link = window.twist_link if gaussian.conditional.links else None
+    link = window.border_noise if gaussian.conditional.links else None
     root = gaussian.conditional if link is not None else gaussian.conditional.unlinked
     head, columns, count = variables.head, len(variables.scale), root.links // 2
     change = momentum_change(window.momentum_change, window.length, window.length, variables)
@@ -78,12 +78,12 @@ def advance(
     after = root.with_first(_noise_eliminated(known, noise)[count:, count:], 2 * count + head, count)
     if variables.random_walk.shape[1]:
         walked = _with_random_walk(after.rows(), np.sqrt(window.length) * variables.random_walk, count + columns)
-        after = ConditionalRoot.from_rows(walked, root.forces, count)
+        after = BiasSeparatedRoot.from_rows(walked, root.forces, count)
     if variables.time_constants.size:  # there is no c then
-        change.by_process_steps[: variables.poses] += window.by_process_steps
-        process = variables.autocorrelation(window.length), change.by_process_steps, window.process_variance
+        change.process_gain[: variables.poses] += window.process_gain
+        process = variables.autocorrelation(window.length), change.process_gain, window.process_variance
         rows = _gauss_markov_step(after.rows(), variables.gauss_markov, *process)
-        after = ConditionalRoot.from_rows(rows, root.forces)
+        after = BiasSeparatedRoot.from_rows(rows, root.forces)
     return replace(gaussian, conditional=after)
 
 
@@ -122,7 +122,7 @@ def at_window_start(
     gaussian: SquareRootInformation, window: Window, white: WhitenedWindow, variables: Variables
 ) -> SquareRootInformation:
     """Return the Gaussian at the start of a window; with an unknown pose error where the chain was broken before it."""
-    if not window.fresh:
+    if not window.after_gap:
         return gaussian
     if not window.gap or not white.momentum_change.any():
         return pose_reset(gaussian, variables)
@@ -161,7 +161,7 @@ def new_motion(gaussian: SquareRootInformation, variables: Variables) -> SquareR
 
 def _with_rows(gaussian: SquareRootInformation, rows: Array) -> SquareRootInformation:
     """Return the Gaussian with other rows (v, v + 2 + g) of the variables."""
-    return replace(gaussian, conditional=ConditionalRoot.from_rows(rows, gaussian.conditional.forces))
+    return replace(gaussian, conditional=BiasSeparatedRoot.from_rows(rows, gaussian.conditional.forces))
 
 
 def momentum_inflation(
@@ -219,7 +219,7 @@ def _processes_redrawn(root: Array, variables: Variables, change: MomentumChange
     zeros = np.zeros(len(variables.gauss_markov))
     if change is None:
         return _gauss_markov_step(root, variables.gauss_markov, zeros, np.zeros((0, len(zeros))), zeros)
-    return _gauss_markov_step(root, variables.gauss_markov, change.autocorrelation, change.by_process_steps, zeros)
+    return _gauss_markov_step(root, variables.gauss_markov, change.autocorrelation, change.process_gain, zeros)
 
 
 def _gauss_markov_step(root: Array, places: Integers, correlation: Array, steps: Array, added: Array) -> Array:

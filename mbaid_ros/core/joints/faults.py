@@ -152,10 +152,10 @@ def _joints(windows: Sequence[Window], change: Callable[[Array], Array]) -> list
 
 
 def without(windows: Sequence[Window], spoilt: Flags) -> list[Window]:
-    """Return windows without spoilt ones (W,) and their neighbours, `fresh` where nothing links one to that before."""
+    """Return windows without spoilt ones (W,) and their neighbours; nothing links the next one to those before."""
     left = ~(spoilt | np.append(spoilt[1:], False) | np.append(False, spoilt[:-1]))
     return [
-        replace(window, fresh=window.fresh or (place > 0 and not left[place - 1]))
+        replace(window, after_gap=window.after_gap or (place > 0 and not left[place - 1]))
         for place, window in enumerate(windows)
         if left[place]
     ]

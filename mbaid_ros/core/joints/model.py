@@ -129,12 +129,12 @@ class JointPlacements(Unknown):
         displacement[:, :, 4:, 3:] = turn
         return momentum_displaced(kernel, states, displacement)
 
-    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, nominal: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with these placements."""
         each = value.reshape(-1, _PLACEMENT_NUMBERS)
         tilts = (self.across @ each[:, 4:, None])[..., 0]
-        kernel = side.kernel.with_displaced_joints(each[:, 1:4], tilts)
-        return replace(side, kernel=kernel, zeros=side.zeros + each[:, 0])
+        kernel = nominal.kernel.with_displaced_joints(each[:, 1:4], tilts)
+        return replace(nominal, kernel=kernel, zeros=nominal.zeros + each[:, 0])
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return the zeros, the displacements in the plane, and the tilts of the axes that slide within it."""
@@ -198,7 +198,7 @@ class JointTracking(Linear):
             ),
         )
     }
-    in_readings = False
+    of_measurement = False
     in_equations = True
     redrawn_per_motion = True
 
@@ -257,7 +257,7 @@ class GearedJoints(Linear):
             )
         )
     }
-    in_readings = False
+    of_measurement = False
     moves_joints = True
 
     def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
@@ -298,7 +298,7 @@ def by_deflections(unknown: Unknown, kernel: MomentumKernel, motion: Midpoints, 
 def joint_gains(kernel: MomentumKernel, bodies: Bodies) -> tuple[Array, Array]:
     """Return the derivatives (N, 6, n) of the predicted twist by the joint rates, and by the joint positions."""
     by_position, by_rate = sensitivity_to_joints(kernel, bodies.states)
-    back = -bodies.mobility
+    back = -bodies.inverse_inertia
     if bodies.passive is None:
         return back @ by_rate, back @ by_position
     along = passive_momenta(kernel, bodies.states.configuration.joint_twist, by_rate)
@@ -318,7 +318,14 @@ def gains_by_unknowns(layout: Layout, kernel: MomentumKernel, bodies: Bodies, by
     twist = np.swapaxes(by_rate, 1, 2).reshape(-1, 1, 6) + added
     readings, thrust = np.zeros_like(each.readings), np.zeros_like(each.thrust)
     of_target = twist[:, kernel.target.body]
-    motion = replace(each, body_twist=twist, twist=of_target, readings=readings, tide=each.tide[:, :0], thrust=thrust)
+    motion = replace(
+        each,
+        body_twist=twist,
+        twist=of_target,
+        readings=readings,
+        gravity_columns=each.gravity_columns[:, :0],
+        thrust=thrust,
+    )
     columns = [motion.regressor]
     for unknown in layout.predicted:
         of_momentum = unknown.momentum_columns(kernel, motion)
@@ -326,7 +333,7 @@ def gains_by_unknowns(layout: Layout, kernel: MomentumKernel, bodies: Bodies, by
         columns.append(nothing if of_momentum is None else of_momentum @ unknown.factor)
     both = np.concatenate(columns, axis=-1)
     right = -both.reshape(count, joints, 6, both.shape[-1]).transpose(0, 2, 3, 1)
-    return (bodies.mobility @ right.reshape(count, 6, -1)).reshape(right.shape)
+    return (bodies.inverse_inertia @ right.reshape(count, 6, -1)).reshape(right.shape)
 
 
 def _of(joint_twist: Array, joints: Integers) -> Array:
@@ -344,7 +351,7 @@ class JointNoise(ArrayRecord):
     # stored momentum
     process: Array
     stored: Array  # (B, 6, c) factor of the noise in the twist, by these readings and by Gauss-Markov processes
-    by_process_steps: Array  # (B, 6, f) motion of the base with each Gauss-Markov process, when that grows by one
+    process_gain: Array  # (B, 6, f) motion of the base with each Gauss-Markov process, when that grows by one
     process_variance: Array  # (B, f) variance that each gains in the window by the joints' noise, beside its own
 
 

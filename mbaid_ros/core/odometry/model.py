@@ -114,7 +114,7 @@ class OdometryMount(Unknown):
             ),
         )
     }
-    in_readings = True
+    of_measurement = True
     calibrated = True
 
     def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
@@ -164,9 +164,9 @@ class OdometryMount(Unknown):
             read[:, 3:, :3] = -motion.sliding
         return read
 
-    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, nominal: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with this mount."""
-        return replace(side, mount=side.mount + value)
+        return replace(nominal, mount=nominal.mount + value)
 
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return the turn about the normal and the displacement in the plane."""
@@ -551,7 +551,7 @@ def parabolic_weights(count: int) -> Array:
 
 
 @dataclass(frozen=True)
-class TwistLink:
+class BorderNoise:
     """How a window's measurements depend on c (k,), and c on the next window's; q (k,) are of unit variance."""
 
     # by_noise, by_carried: (w, k) derivatives of a window's w whitened measurements by q and c
@@ -566,7 +566,7 @@ class TwistLink:
 
 def integrated_twist_rows(
     twist: IntegratedTwist, pose: Measurement, noise_of_joints: JointNoise, variables: Variables
-) -> tuple[list[tuple[Array, Array, Array, TwistLink]], Array]:
+) -> tuple[list[tuple[Array, Array, Array, BorderNoise]], Array]:
     """Return value, rows, log_noise and link of B windows by pose and integrated twist, as in `WhitenedWindow`.
 
     Second, (B, 6, 6) S^-1 of these measurements as the joints' noise is in them. The measured way, free of that noise,
@@ -593,7 +593,7 @@ def integrated_twist_rows(
     triangle = np.linalg.cholesky(noise)
     whiten = np.linalg.inv(triangle)
     links = map(
-        TwistLink,
+        BorderNoise,
         whiten @ by_noise,
         whiten @ by_carried,
         twist.integral_value @ select.T,

@@ -14,7 +14,7 @@ from scipy.linalg import expm
 from mbaid_ros.core.contracts import Stack
 from mbaid_ros.core.geometry import Array, composed
 from mbaid_ros.core.links import KnownBodies
-from mbaid_ros.core.passive.joints import SpringErrors, StartingSwing, SwingNoise
+from mbaid_ros.core.passive.model import SpringErrors, StartingSwing, SwingNoise
 from mbaid_ros.core.robot.model import Configuration, Kinematics, express
 from mbaid_ros.core.robot.momentum import (
     BodyStates,
@@ -71,11 +71,13 @@ class PassiveInertias(ArrayRecord):
     axes: Array
     gamma: Array
     inertia: Array  # (N, f, 6, 6) of all that each carries
-    mobility: Array  # (N, 6, 6) M^-1, the passive joints held
+    inverse_inertia: Array  # (N, 6, 6) M^-1, the passive joints held
     mobility_of_joints: Array  # (N, f, f) inverse of H - Gamma^T M^-1 Gamma
 
     @staticmethod
-    def from_bodies(kernel: MomentumKernel, known: Array, placed: Configuration, mobility: Array) -> PassiveInertias:
+    def from_bodies(
+        kernel: MomentumKernel, known: Array, placed: Configuration, inverse_inertia: Array
+    ) -> PassiveInertias:
         """Return the inertias by all bodies `known` (N, n + 1, 10) at the base's origin, odometry axes."""
         joints, up = list(kernel.springs.joints), moves(kernel)
         axes = placed.joint_twist[:, joints]
@@ -83,20 +85,20 @@ class PassiveInertias(ArrayRecord):
         gamma = (inertia @ axes[..., None])[..., 0]
         across = axes @ np.swapaxes(gamma, 1, 2)  # X_i . Gamma_j
         locked = np.where(up, across, np.where(up.T, np.swapaxes(across, 1, 2), 0.0))
-        free = np.linalg.inv(locked - gamma @ mobility @ np.swapaxes(gamma, 1, 2))
-        return PassiveInertias(axes, gamma, inertia, mobility, free)
+        free = np.linalg.inv(locked - gamma @ inverse_inertia @ np.swapaxes(gamma, 1, 2))
+        return PassiveInertias(axes, gamma, inertia, inverse_inertia, free)
 
     def solve(self, total: Array, along: Array) -> tuple[Array, Array]:
         """Return base twists (N, 6, c) and rates (N, f, c) with momenta (N, 6, c) and (N, f, c) along the joints."""
-        moved = self.mobility @ total
+        moved = self.inverse_inertia @ total
         rates = self.mobility_of_joints @ (along - self.gamma @ moved)
-        return moved - self.mobility @ (np.swapaxes(self.gamma, 1, 2) @ rates), rates
+        return moved - self.inverse_inertia @ (np.swapaxes(self.gamma, 1, 2) @ rates), rates
 
     @property
     def free_mobility(self) -> Array:
         """(M - Gamma H^-1 Gamma^T)^-1, (N, 6, 6): from momentum to twist, the momenta along the joints held."""
-        across = self.gamma @ self.mobility
-        return np.asarray(self.mobility + np.swapaxes(across, 1, 2) @ self.mobility_of_joints @ across)
+        across = self.gamma @ self.inverse_inertia
+        return np.asarray(self.inverse_inertia + np.swapaxes(across, 1, 2) @ self.mobility_of_joints @ across)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +207,7 @@ def passive_columns(
 
     `right` (N, 6, u + 6) is minus the change of the momentum at fixed twists; deflections (N, f).
     """
-    kernel, inertias = point.side.kernel, motion.inertias
+    kernel, inertias = point.nominal.kernel, motion.inertias
     springs, count = kernel.springs, right.shape[-1] - 6
     along, force = np.zeros((2, len(right), springs.count, right.shape[-1]))
     joints, kinematics, placed = list(springs.joints), kernel.kinematics, states.configuration
@@ -232,7 +234,7 @@ def passive_columns(
 
 def starting_columns(layout: Layout, point: Point) -> Array:
     """Return deflections and rates (2, f) of passive joints at a start, and their derivatives, (2, f, 1 + u)."""
-    springs = point.side.kernel.springs
+    springs = point.nominal.kernel.springs
     columns = np.zeros((2, springs.count, 1 + len(point.parameters)))
     columns[..., 0], begin = springs.initial_state, 17
     for unknown in layout.predicted:
@@ -293,7 +295,7 @@ def of_swing(
     # Deflections by constant errors of the joints, and their accelerations, (B, f, n); the base's twist by their rates.
     _, errors = inertias.solve(-gamma, -passive_momenta(kernel, states.configuration.joint_twist, gamma))
     by_joints = inertias.mobility_of_joints @ (spring_constants(kernel, bodies.parameters)[0][:, None] * errors)
-    turned = -inertias.mobility @ np.swapaxes(inertias.gamma, 1, 2)
+    turned = -inertias.inverse_inertia @ np.swapaxes(inertias.gamma, 1, 2)
     processes = np.flatnonzero(np.isfinite(layout.time_constants))
     own = processes < swing.shape[-1] - (BODY.stop - LINEAR.start)
     columns = processes[own] + BODY.stop - LINEAR.start
@@ -383,7 +385,7 @@ class _Part:
         return own.reshape(self.intervals, -1, *own.shape[1:])
 
 
-class SwingCourse:
+class SwingTrajectory:
     """The swing of the passive joints along the windows of one run.
 
     Parameters
@@ -416,7 +418,7 @@ class SwingCourse:
 
         Last, the derivatives of the deflections at the ends of all windows, (B, f, u), stack by stack.
         """
-        springs, parts = point.side.kernel.springs, _parts(stacks, motions)
+        springs, parts = point.nominal.kernel.springs, _parts(stacks, motions)
         joints, size = list(springs.joints), springs.count
         flat = Midpoints.concatenate([motion.flat for motion, _ in motions])
         position, velocity = flat.joint_position.copy(), flat.joint_velocity.copy()
@@ -489,7 +491,7 @@ class SwingCourse:
             part = parts[number]
             begin, stop = part.begin, part.inside.stop
             window, step, result = part.stack.windows[index], steps[number][:, index], part.divided(results)[:, index]
-            before = None if window.fresh else self._before(window, ends, point)
+            before = None if window.after_gap else self._before(window, ends, point)
             if before is None:
                 instant = part.instants.start + begin * len(part.ends) + index
                 start = result[:begin] = starting_states(first, by_state[instant], driven[instant])

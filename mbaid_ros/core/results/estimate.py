@@ -11,7 +11,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.results.budget import ErrorBudget
-from mbaid_ros.core.results.noise_levels import SensorLevels
+from mbaid_ros.core.results.noise_levels import NoiseLevels
 
 # Where the parameters would be published if the data did not contradict the model.
 WITHHELD = 'the data contradict the model so strongly that no parameter can be published'
@@ -111,7 +111,7 @@ class Estimate:
     stage: str = ''  # method of the stage that it is from, where the method has several
     thrusters: tuple[Thruster, ...] = ()  # estimates of each thruster that may deviate from its command
     flexible: tuple[PassiveJoint, ...] = ()  # the passive joints as estimated
-    noise: SensorLevels | None = None  # of the sensors as estimated; None where it is not
+    noise: NoiseLevels | None = None  # of the sensors as estimated; None where it is not
     budget: ErrorBudget | None = None  # where the parameters' variances come from; None where not available
     # candidate causes if the data contradict the model, the likeliest first, each with the gain
     # of log-likelihood without it

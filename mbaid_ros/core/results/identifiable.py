@@ -217,7 +217,7 @@ def inertia_ratios(parameters: Array, covariance: Array) -> InertiaRatios:
 
 
 @dataclass(frozen=True, eq=False)
-class Curvature:
+class Nonlinearity:
     """The result of linearising elsewhere."""
 
     # shifts, covariance: (d, 10) by which standard parameters have moved at d other points; (10, 10) at the solution
@@ -258,12 +258,12 @@ class Solution:
     x: Array  # (16,) (m, h, I_o, P_0, L_0)
     covariance: Array  # (16, 16) of x
     # (16, 16) with twice the noise's own information taken off (core/difference); of `trajectory` the covariance
-    cautious_covariance: Array
+    covariance_for_identifiability: Array
     cost: float  # sum of the squared normalised residuals; of `trajectory` of the normalised innovations
     redundancy: int  # number of equations less that of unknowns; of `trajectory` that of the innovations
     origin: Array  # (3,) m, about which L_0 is taken, odometry frame
     plane: Plane | None  # of a planar motion, which leaves six of the ten parameters open; else None
-    curvatures: tuple[Curvature, ...] = ()  # of its equations, as far as they are known
+    nonlinearities: tuple[Nonlinearity, ...] = ()  # of its equations, as far as they are known
     reasons: tuple[Reason, ...] = ()  # further ones of the run, in order
 
 
@@ -318,8 +318,8 @@ class Reporting:
         remainder, and which are identifiable.
         """
         parameters, jacobian = physical(body), physical_jacobian(body)
-        linear, remainder = _nonlinearity(solution.curvatures, jacobian)
-        covariance = jacobian @ solution.cautious_covariance[:10, :10] @ jacobian.T + remainder
+        linear, remainder = _nonlinearity(solution.nonlinearities, jacobian)
+        covariance = jacobian @ solution.covariance_for_identifiability[:10, :10] @ jacobian.T + remainder
         relative = relative_std(covariance, self.sizes(parameters, LENGTH))
         known = (relative < self.identifiable_std) & (relative[0] < _OF_THE_MASS * self.identifiable_std)
         return parameters, jacobian, linear, remainder, known & linear
@@ -382,13 +382,13 @@ def relative_std(covariance: Array, size: Array) -> Array:
     return np.asarray(np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1)) / size)
 
 
-def _nonlinearity(curvatures: Sequence[Curvature], jacobian: Array) -> tuple[Flags, Array]:
+def _nonlinearity(nonlinearities: Sequence[Nonlinearity], jacobian: Array) -> tuple[Flags, Array]:
     """Return which parameters, (10,), data observe at first order, and the covariance (10, 10) of the remainder.
 
     It counts for those alone that depend on where equations were linearised, and is at least as large as any shift.
     """
     observed, remainder = np.ones(10, dtype=bool), np.zeros((10, 10))
-    for curvature in curvatures:
+    for curvature in nonlinearities:
         straight = curvature.is_linear(jacobian)
         if not straight.all():
             observed &= straight | curvature.first_order(jacobian)

@@ -25,7 +25,7 @@ _WRONG = 1.3  # times too small or too large, from which a declared value is rep
 
 
 @dataclass(frozen=True)
-class SensorLevels:
+class NoiseLevels:
     """Standard deviations of single readings.
 
     Attributes
@@ -35,7 +35,7 @@ class SensorLevels:
     correlation_time, twist_correlation_time : s, of the errors of the base's poses and twists; 0 for independent ones
     used : (6,) whether the estimated level is used instead of the declared one
     contradicted : (6,) whether that is because the readings contradict the declared one
-    clear : as of `Levels`
+    clear : as of `FoundLevels`
     """
 
     declared: Array

@@ -239,9 +239,11 @@ def momentum_change(samples: Samples, parameters: Array) -> Array:
     `parameters` (n + 1, 10) are the standard ones of all bodies, each in its own frame.
     """
     impulse = samples.impulse[-1]
-    if not samples.tide.shape[1]:
+    if not samples.gravity_columns.shape[1]:
         return impulse
-    return np.asarray(impulse + summed_over_bodies(about_points(samples.tide[-1:], np.zeros((1, 3))), parameters)[0])
+    return np.asarray(
+        impulse + summed_over_bodies(about_points(samples.gravity_columns[-1:], np.zeros((1, 3))), parameters)[0]
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,12 +305,22 @@ class BodyStates:
     readings: Array
     # (N, n + 1, 6, 10) derivatives of the change of (P, L_b) by an orbit, by each body's standard parameters in its own
     # frame; (N, 0, 6, 10) without one
-    tide: Array
+    gravity_columns: Array
     thrust: Array  # (N, f, 6, 5) derivatives of the change of (P, L_b) by thrust, by each thruster's errors
 
     def __getitem__(self, index: Index) -> BodyStates:
         """Return the states of a slice, mask or list of samples."""
-        names = ('configuration', 'body_twist', 'known', 'rotation', 'position', 'twist', 'readings', 'tide', 'thrust')
+        names = (
+            'configuration',
+            'body_twist',
+            'known',
+            'rotation',
+            'position',
+            'twist',
+            'readings',
+            'gravity_columns',
+            'thrust',
+        )
         return replace(self, **{name: getattr(self, name)[index] for name in names})
 
     @property
@@ -414,11 +426,11 @@ class MomentumKernel:
         twist = np.concatenate((samples.base_linear_velocity, samples.base_angular_velocity), axis=-1)
         motion = (samples.base_rotation, samples.joint_position, samples.joint_velocity, twist)
         states = self.states_of(*motion, samples.stored)
-        if not samples.tide.shape[1] and not samples.thrust.shape[1]:
+        if not samples.gravity_columns.shape[1] and not samples.thrust.shape[1]:
             return states
         place = samples.base_position
         thrust = about_points(samples.thrust, place, THRUSTER_ERRORS)
-        return replace(states, tide=about_points(samples.tide, place), thrust=thrust)
+        return replace(states, gravity_columns=about_points(samples.gravity_columns, place), thrust=thrust)
 
     def states_of(
         self,
@@ -445,7 +457,7 @@ class MomentumKernel:
             twist=body_twist[:, self.target.body],
             storage=self.storage,
             readings=np.zeros((count, self.storage.count)) if readings is None else readings,
-            tide=np.zeros((count, 0, 6, 10)),
+            gravity_columns=np.zeros((count, 0, 6, 10)),
             thrust=np.zeros((count, 0, 6, THRUSTER_ERRORS)),
         )
 
@@ -576,7 +588,7 @@ def _base_twists(rotation: Array) -> Array:
     return twists
 
 
-def mobility_and_momentum(bodies: Array, body_twist: Array) -> tuple[Array, Array]:
+def inverse_inertia_and_momentum(bodies: Array, body_twist: Array) -> tuple[Array, Array]:
     """Return the inverse of the locked inertia (N, 6, 6) and the momentum (N, 6) of all bodies about the base's origin.
 
     Raises LinAlgError: All mass lies on a line, and the locked inertia has no inverse.
@@ -586,26 +598,26 @@ def mobility_and_momentum(bodies: Array, body_twist: Array) -> tuple[Array, Arra
     bodies : (N, b, 10) standard parameters of the bodies at N instants, about the base's origin in common axes
     body_twist : (N, b, 6) (u, w) at the base's origin
     """
-    mobility = np.linalg.inv(inertia_matrix(np.sum(bodies, axis=1)))
-    return mobility, np.sum(momentum(bodies, body_twist), axis=1)
+    inverse_inertia = np.linalg.inv(inertia_matrix(np.sum(bodies, axis=1)))
+    return inverse_inertia, np.sum(momentum(bodies, body_twist), axis=1)
 
 
-def mobility_and_joint_momentum(
+def inverse_inertia_and_joint_momentum(
     kernel: MomentumKernel, stored: Array, bodies: Array, placed: Configuration, body_twist: Array
 ) -> tuple[Array, Array]:
     """Return M^-1 and the momentum of the joint motion at a resting base, that stored inside bodies included.
 
     `stored` (N, c) are its readings; `bodies` (N, b, 10) are those of `placed`, in common axes about the base's origin.
     """
-    mobility, moving = mobility_and_momentum(bodies, body_twist)
+    inverse_inertia, moving = inverse_inertia_and_momentum(bodies, body_twist)
     if kernel.storage.count:
         moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, stored), axis=1)
-    return mobility, moving
+    return inverse_inertia, moving
 
 
-def in_plane(mobility: Array, plane: Array) -> Array:
+def in_plane(inverse_inertia: Array, plane: Array) -> Array:
     """Return the (N, 6, 6) matrices from momentum to twist of a robot kept in a plane with (3, 6) rows.
 
     The constraint takes up all momentum out of the plane.
     """
-    return np.asarray(plane.T @ np.linalg.inv(plane @ np.linalg.inv(mobility) @ plane.T) @ plane)
+    return np.asarray(plane.T @ np.linalg.inv(plane @ np.linalg.inv(inverse_inertia) @ plane.T) @ plane)

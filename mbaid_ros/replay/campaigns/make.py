@@ -17,7 +17,7 @@ from mbaid_ros.config.campaign_file import CampaignRun, Case
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.errors import DataError, ParameterError
 from mbaid_ros.replay.campaigns.statistics import FAILED, Result, nees
-from mbaid_ros.replay.output import plain, shaped, shaped_std
+from mbaid_ros.replay.json_output import plain, shaped, shaped_std
 from mbaid_ros.replay.replay import Workers
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun

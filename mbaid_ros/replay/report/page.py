@@ -11,7 +11,7 @@ from mbaid_ros.core.results.budget import PARAMETERS
 from mbaid_ros.core.results.estimate import determined
 from mbaid_ros.parameters import values_of
 from mbaid_ros.replay import provenance
-from mbaid_ros.replay.output import events
+from mbaid_ros.replay.json_output import events
 from mbaid_ros.replay.report import figures
 from mbaid_ros.replay.report.markup import (
     NO_NUMBER,

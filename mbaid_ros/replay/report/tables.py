@@ -10,7 +10,7 @@ from mbaid_ros.core.contracts import remedy_text
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.budget import PARAMETERS, SENSOR_NOISE, UNITS, ErrorBudget, percent, short
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.noise_levels import CHANNELS, SensorLevels
+from mbaid_ros.core.results.noise_levels import CHANNELS, NoiseLevels
 from mbaid_ros.core.results.noise_levels import UNITS as CHANNEL_UNITS
 from mbaid_ros.errors import listing
 from mbaid_ros.replay.report.markup import PLUS_MINUS, estimates, folded, listed, number, paragraph, table, text
@@ -134,7 +134,7 @@ def _joined(words: list[str]) -> str:
     return f'{", ".join(words[:-1])} and {words[-1]}' if len(words) > 1 else words[0]
 
 
-def noise(levels: SensorLevels | None) -> str:
+def noise(levels: NoiseLevels | None) -> str:
     """Return the declared and the estimated noise of each sensor; nothing of no run."""
     if levels is None:
         return ''

@@ -114,7 +114,7 @@ def part(name: str, parent: str, place: Vector, axis: Vector, body: Array, kind:
 
 def box(mass: float, size: Sequence[float], centre: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
     """Return the (10,) physical parameters of a box with its sides (m) along the axes."""
-    x, y, z = (side * side for side in size)
+    x, y, z = (nominal * nominal for nominal in size)
     moments = mass / 12.0 * np.array([y + z, x + z, x + y])
     return np.array([mass, *centre, moments[0], 0.0, 0.0, moments[1], 0.0, moments[2]])
 

@@ -121,7 +121,7 @@ def test_a_wrong_twist_and_joints_that_stand_still_are_left_out() -> None:
     assert still.text == 'the reading of joint1 repeats from 2.0 to 3.0 s: check its encoder or driver'
     # With their neighbours, which may have a part of it; nothing links the window after them to that before.
     assert [each.start for each in still.windows] == [0.0, 0.5, 1.0, *np.arange(3.5, 6.0, 0.5)]
-    assert [each.fresh for each in still.windows] == [False] * 3 + [True] + [False] * 4
+    assert [each.after_gap for each in still.windows] == [False] * 3 + [True] + [False] * 4
     assert still.point is None
 
 

@@ -40,7 +40,7 @@ def windows_of(samples: Samples) -> list[Window]:
         begin = start - BEFORE * SPACING
         first, last = np.searchsorted(samples.time, [begin - 1e-6, begin + count * SPACING - 1e-6])
         knots = averages([samples[int(first) : int(last)]], np.array([begin]), SPACING, count, np.zeros(3))
-        found.append(Window(knots, slice(BEFORE, count - AFTER), SPACING, noise, float(start), fresh=False))
+        found.append(Window(knots, slice(BEFORE, count - AFTER), SPACING, noise, float(start), after_gap=False))
     return found
 
 

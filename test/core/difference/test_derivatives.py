@@ -33,7 +33,7 @@ def sample(kernel: MomentumKernel, seed: int) -> Samples:
         np.eye(6)[None],
         impulse=generic(seed + 60, 1, 6),
         stored=generic(seed + 70, 1, kernel.storage.count),
-        tide=0.1 * generic(seed + 80, 1, 60 * bodies),
+        gravity_columns=0.1 * generic(seed + 80, 1, 60 * bodies),
     )
 
 

@@ -66,9 +66,9 @@ def test_the_columns_of_placements_are_what_they_do_with_the_target(spatial: Tru
     error = 1e-6 * np.random.default_rng(2).normal(size=unknown.count)
 
     def equations(size: float) -> Array:
-        side = unknown.applied_to(NominalModel.nominal(servicer), unknown.factor @ (size * error))
-        there = [replace(part, joint_position=part.joint_position + side.zeros) for part in parts]
-        return left(window_rows(side.kernel, there, MID, np.zeros(3)), x)
+        nominal = unknown.applied_to(NominalModel.nominal(servicer), unknown.factor @ (size * error))
+        there = [replace(part, joint_position=part.joint_position + nominal.zeros) for part in parts]
+        return left(window_rows(nominal.kernel, there, MID, np.zeros(3)), x)
 
     assert columns @ error == pytest.approx(0.5 * (equations(1.0) - equations(-1.0)), abs=1e-9)
 
@@ -129,14 +129,14 @@ def test_the_robot_is_taken_at_the_mean_of_what_is_known(spatial: Truth) -> None
     ]
     count = sum(unknown.count for unknown in unknowns)
     known = UnknownsPrior(np.random.default_rng(7).normal(size=count), np.eye(count))
-    side = known.nominal_model(servicer, unknowns)
+    nominal = known.nominal_model(servicer, unknowns)
     placements, mount = (
         unknown.factor @ mean for unknown, mean in zip(unknowns, np.split(known.mean, [-6]), strict=True)
     )
-    assert side.zeros == pytest.approx(placements[::6])
-    assert side.mount == pytest.approx(mount)
+    assert nominal.zeros == pytest.approx(placements[::6])
+    assert nominal.mount == pytest.approx(mount)
     samples = observe(spatial, MID)
-    found = side.corrected(samples)
+    found = nominal.corrected(samples)
     assert found.joint_position == pytest.approx(samples.joint_position + placements[::6])
     assert found.base_rotation == pytest.approx(samples.base_rotation @ exp(mount[:3]))
     assert found.base_position == pytest.approx(samples.base_position + samples.base_rotation @ mount[3:])

@@ -10,7 +10,7 @@ import pytest
 
 from declarations import exact_but
 from mbaid_ros.config.simulator_parameters import SimulatorConfig
-from mbaid_ros.core.filter.gaussian import ConditionalRoot, SquareRootInformation
+from mbaid_ros.core.filter.gaussian import BiasSeparatedRoot, SquareRootInformation
 from mbaid_ros.core.filter.posterior import MeanAndCovariance, error_budget
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.budget import SENSOR_NOISE
@@ -45,7 +45,7 @@ def measured(gaussian: SquareRootInformation, seed: int, truth: Array) -> tuple[
     rows = np.random.default_rng(seed).normal(size=(60, gaussian.size))
     known = np.column_stack((rows, np.zeros(60), rows @ truth))
     root = np.asarray(np.linalg.qr(np.vstack((gaussian.root, known)), mode='r'))
-    measured_root = ConditionalRoot.from_rows(root[: gaussian.size], ())
+    measured_root = BiasSeparatedRoot.from_rows(root[: gaussian.size], ())
     return replace(gaussian, conditional=measured_root), rows
 
 

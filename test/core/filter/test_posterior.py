@@ -11,7 +11,7 @@ from declarations import exact_but
 from mbaid_ros.core.contracts import UNDISTURBED
 from mbaid_ros.core.filter.gaussian import SquareRootInformation, update
 from mbaid_ros.core.filter.linearise import WhitenedWindow
-from mbaid_ros.core.filter.posterior import MeanAndCovariance, PriorComparison, PriorScaleFactors
+from mbaid_ros.core.filter.posterior import MeanAndCovariance, PriorComparison, VarianceComponents
 from mbaid_ros.core.filter.time_update import advance
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joints.model import InformationCorrection
@@ -119,11 +119,11 @@ PLACE = 20  # of the mass of link2
 NOISE = 2.0  # of what the data say of each number, in units of its prior
 
 
-def said(truth: Array, seed: int, parts: tuple[str, ...] = PARTS) -> PriorScaleFactors:
+def said(truth: Array, seed: int, parts: tuple[str, ...] = PARTS) -> VarianceComponents:
     """Return what is said of numbers that data see with noise."""
     seen = 1.0 / (1.0 + NOISE**2)
     values = seen * (truth + NOISE * np.random.default_rng(seed).normal(size=len(truth)))
-    return PriorScaleFactors.from_posterior(values, (1.0 - seen) * np.eye(len(truth)), CAUSES, parts)
+    return VarianceComponents.from_posterior(values, (1.0 - seen) * np.eye(len(truth)), CAUSES, parts)
 
 
 def off(place: int, far: float) -> Array:
@@ -155,7 +155,7 @@ def test_causes_of_all_sizes_together_are_scaled_as_each_alone() -> None:
     causes = tuple(np.repeat(('link:a', 'zero:a', 'zero:b', 'axis:a', 'mount'), (10, 1, 1, 2, 6)).tolist())
     root = rng.normal(size=(len(causes), len(causes)))
     covariance, values = np.linalg.inv(np.eye(len(causes)) + root @ root.T), 3.0 * rng.normal(size=len(causes))
-    together = PriorScaleFactors.from_posterior(values, covariance, causes, ('',) * len(causes))
+    together = VarianceComponents.from_posterior(values, covariance, causes, ('',) * len(causes))
     for cause, size in together.scales.items():
         own = np.flatnonzero([each == cause or each.startswith(f'{cause}:') for each in causes])
         numbers = PriorComparison.from_posterior(values[own], covariance[np.ix_(own, own)])
@@ -164,7 +164,7 @@ def test_causes_of_all_sizes_together_are_scaled_as_each_alone() -> None:
         if cause in together.distances:
             assert together.distances[cause] == pytest.approx([float(part) for part in numbers.distances])
         assert np.all(together.factors[own] >= size.factor)
-    nothing = PriorScaleFactors.from_posterior(np.zeros(0), np.zeros((0, 0)), (), ())
+    nothing = VarianceComponents.from_posterior(np.zeros(0), np.zeros((0, 0)), (), ())
     assert (nothing.as_declared, nothing.significant, nothing.scales) == (True, (), {})
 
 

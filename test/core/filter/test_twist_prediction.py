@@ -15,7 +15,7 @@ from mbaid_ros.core.links import known_bodies
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import KnownErrors, MomentumKernel, about_points, standard, summed_over_bodies
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.state import Layout, near_part
+from mbaid_ros.core.state import Layout, trust_region
 from mbaid_ros.core.wheels import spin_inertias
 from mbaid_ros.core.windows import Bodies, Knots, Midpoints, Prediction, averages, bridged, midpoints
 from random_robots import random_state, random_storage, random_urdf
@@ -42,7 +42,9 @@ class Case:
         place = rng.normal(size=(count, 3))
         self.middle = Midpoints(joints, rates, rotation, place, twist, none, none, thrust, stored)
         if seed >= 2:
-            self.middle = replace(self.middle, tide=0.1 * rng.normal(size=(count, 60 * len(self.kernel.known))))
+            self.middle = replace(
+                self.middle, gravity_columns=0.1 * rng.normal(size=(count, 60 * len(self.kernel.known)))
+            )
         uncertain = tuple(int(index) for index in np.flatnonzero(self.kernel.known[:, 0] > 0.0))[:2]
         errors = KnownErrors(uncertain, np.eye(10 * len(uncertain)))
         wheels = spin_inertias(self.kernel, [0.1] * self.kernel.storage.count)
@@ -68,7 +70,7 @@ def predicted(layout: Layout, middle: Midpoints, parameters: Array) -> tuple[Pre
 
 def tidal_momentum(case: Case) -> Array:
     """Return the change of the momentum of all bodies by an orbit."""
-    columns = about_points(case.middle.tide, np.zeros((len(case.middle), 3)))
+    columns = about_points(case.middle.gravity_columns, np.zeros((len(case.middle), 3)))
     bodies = case.kernel.model.body_parameters()
     return summed_over_bodies(columns, bodies) if columns.size else np.zeros((len(columns), 6))
 
@@ -281,6 +283,6 @@ POINT = np.concatenate((np.zeros(6), BODY, np.zeros(3)))
 def test_a_step_is_as_long_as_changes_the_body_by_half_of_its_size() -> None:
     step = np.zeros_like(POINT)
     step[6] = 20.0
-    assert near_part(POINT, step) == pytest.approx(0.25)
-    assert near_part(POINT, -step) == pytest.approx(0.25)
-    assert near_part(POINT, 0.2 * step) == 1.0
+    assert trust_region(POINT, step) == pytest.approx(0.25)
+    assert trust_region(POINT, -step) == pytest.approx(0.25)
+    assert trust_region(POINT, 0.2 * step) == 1.0

@@ -9,12 +9,12 @@ import pytest
 
 from checked import generic
 from mbaid_ros.core.filter.gaussian import SquareRootInformation
-from mbaid_ros.core.filter.hypotheses import turns_back
+from mbaid_ros.core.filter.hypotheses import reverses
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.links import TotalMass, independent_errors, known_bodies
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import in_plane
-from mbaid_ros.core.state import BODY, Declared, Layout, Variables, _drawn_anew, near_part, variables
+from mbaid_ros.core.state import BODY, Declared, Layout, Variables, _drawn_anew, trust_region, variables
 from mbaid_ros.core.target import TargetPrior
 from mbaid_ros.session.catalogue import hypotheses
 from observed import kernel
@@ -117,7 +117,7 @@ def test_the_hypotheses_of_a_run(constant: str, adapt: bool, forces: list[str]) 
 )
 def test_a_step_turns_back_in_units_of_the_deviations(step: list[float], before: list[float], back: bool) -> None:
     deviation = np.array([1.0, 1.0, 0.0])
-    assert turns_back(np.array(step), np.array(before), deviation) is back
+    assert reverses(np.array(step), np.array(before), deviation) is back
 
 
 def test_variables_that_are_known_are_taken_off_a_window() -> None:
@@ -136,13 +136,13 @@ def test_a_robot_in_a_plane_turns_and_moves_within_it_alone() -> None:
     """A constraint takes up the rest: the twist lies in the plane, and its momentum there is the one that is given."""
     rng = np.random.default_rng(0)
     root = rng.normal(size=(2, 6, 8))
-    mobility = root @ np.swapaxes(root, 1, 2)
+    inverse_inertia = root @ np.swapaxes(root, 1, 2)
     plane = np.linalg.qr(rng.normal(size=(6, 3)))[0].T
-    found, momentum = in_plane(mobility, plane), generic(0, 6)
+    found, momentum = in_plane(inverse_inertia, plane), generic(0, 6)
     twist = found @ momentum
     outside = np.eye(6) - plane.T @ plane
     assert twist @ outside == pytest.approx(np.zeros((2, 6)), abs=1e-9)
-    within = np.linalg.inv(mobility) @ twist[..., None]
+    within = np.linalg.inv(inverse_inertia) @ twist[..., None]
     assert (plane @ within)[..., 0] == pytest.approx(np.tile(plane @ momentum, (2, 1)))
 
 
@@ -151,9 +151,9 @@ def test_no_step_takes_a_body_further_than_half_its_size() -> None:
     body = SERVICER.target.parameters
     parameters = np.concatenate((np.ones(6), body))
     step = np.concatenate((np.full(6, 9.0), np.zeros(10)))
-    assert near_part(parameters, step) == 1.0  # the momentum may
+    assert trust_region(parameters, step) == 1.0  # the momentum may
     step[6] = 2.0 * body[0]
-    assert near_part(parameters, step) == pytest.approx(0.25)
+    assert trust_region(parameters, step) == pytest.approx(0.25)
     step[6] = -0.4 * body[0]
-    assert near_part(parameters, step) == 1.0
-    assert near_part(np.zeros(16), step) == 1.0  # nothing is known of a body without mass
+    assert trust_region(parameters, step) == 1.0
+    assert trust_region(np.zeros(16), step) == 1.0  # nothing is known of a body without mass

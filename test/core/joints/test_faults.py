@@ -37,7 +37,7 @@ def test_windows_in_which_one_joint_stands_still_and_their_neighbours_are_left_o
     assert text.startswith('the reading of elbow repeats from 3.0 to 5.0 s')
     assert [each.start for each in others] == [0.0, 1.0, 6.0, 7.0, 8.0]
     assert stretches == ((2.0, 6.0),)  # with the windows beside
-    assert [each.fresh for each in others] == [False, False, True, False, False]
+    assert [each.after_gap for each in others] == [False, False, True, False, False]
 
 
 def test_the_joint_that_stands_still_longest_comes_first_and_few_times_are_reported() -> None:

@@ -73,7 +73,7 @@ class Case:
             *(state.joint_position[None], rate[None], rotation[None], state.base_position[None]),
             *(np.zeros((1, 6)), none, none, np.zeros((1, 6))),
         )
-        middle = replace(middle, tide=np.zeros((1, 0)), thrust=np.zeros((1, 0)))
+        middle = replace(middle, gravity_columns=np.zeros((1, 0)), thrust=np.zeros((1, 0)))
         total = self.momenta(self.state())[:6]
         point = self.point(np.concatenate((rotation @ total[:3], rotation @ total[3:])))
         prediction, bodies = predict(self.layout, middle, point, along[None])

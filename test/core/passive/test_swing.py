@@ -12,8 +12,8 @@ from mbaid_ros.core.filter.linearise import predict
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.links import known_bodies
 from mbaid_ros.core.passive import swing
-from mbaid_ros.core.passive.joints import soft_grasp_warnings, spring_errors, starting_swing, swing_noise
-from mbaid_ros.core.passive.swing import BESIDE, SwingCourse, transition_steps
+from mbaid_ros.core.passive.model import soft_grasp_warnings, spring_errors, starting_swing, swing_noise
+from mbaid_ros.core.passive.swing import BESIDE, SwingTrajectory, transition_steps
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import KnownErrors, MomentumKernel, Springs
 from mbaid_ros.core.state import BODY, LINEAR, Layout, Point
@@ -84,12 +84,12 @@ class Case:
 
     def predicted(self, parameters: Array) -> tuple[Array, Array, Array]:
         """Return the twists of own intervals, their derivatives, and the deflections there, window by window."""
-        point, course = self.point(parameters), SwingCourse(self.layout, predict)
+        point, course = self.point(parameters), SwingTrajectory(self.layout, predict)
         twists: list[Array] = []
         derivatives: list[Array] = []
         deflections: list[Array] = []
         for stacks in in_stacks(self.windows, 3):
-            begun = [stack.motion(point.side, BESIDE) for stack in stacks]
+            begun = [stack.motion(point.nominal, BESIDE) for stack in stacks]
             motions, prediction, _, _ = course.predict(stacks, begun, point)
             parts = prediction.divided([motion.turn.shape[:2] for motion, _ in motions])
             windows_of: dict[int, tuple[Array, ...]] = {}
@@ -128,11 +128,11 @@ def test_windows_that_were_linearised_while_they_were_open_do_not_count(first: s
     together = [window for pair in pairs for window in pair]
     point, alone, beside = (
         case.point(case.state[case.layout.parameters]),
-        *(SwingCourse(case.layout, predict) for _ in range(2)),
+        *(SwingTrajectory(case.layout, predict) for _ in range(2)),
     )
     for course, some in ((alone, closed), (beside, together)):
         stacks = stacked(some)
-        course.predict(stacks, [stack.motion(point.side, BESIDE) for stack in stacks], point)
+        course.predict(stacks, [stack.motion(point.nominal, BESIDE) for stack in stacks], point)
     expected = alone.deflections(closed[-1])
     assert beside.deflections(closed[-1]) == pytest.approx(expected, rel=1e-9)
     for window in still_open:

@@ -19,13 +19,13 @@ from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.geometry import Array, Flags, unvec
 from mbaid_ros.core.results.budget import PARAMETERS, SENSOR_NOISE, DeferredBudget, ErrorBudget, rounded
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.identifiable import Curvature, inertia_ratios
+from mbaid_ros.core.results.identifiable import Nonlinearity, inertia_ratios
 from mbaid_ros.core.robot.momentum import physical, physical_jacobian, physical_shift
 from mbaid_ros.core.robot.momentum import standard as standard_of
 from mbaid_ros.parameters import build
 from mbaid_ros.replay.inputs import Inputs
+from mbaid_ros.replay.json_output import as_json
 from mbaid_ros.replay.one_bag import replay_bag
-from mbaid_ros.replay.output import as_json
 from mbaid_ros.replay.report.page import html
 from mbaid_ros.replay.text import summary
 from simulated import robot
@@ -147,10 +147,10 @@ def test_a_common_factor_is_none_of_them() -> None:
 MASS, IXX = 0, 4
 
 
-def curvature(shift: float, place: int) -> Curvature:
+def curvature(shift: float, place: int) -> Nonlinearity:
     shifts = np.zeros((3, 10))
     shifts[1, place] = shift
-    return Curvature(shifts, np.diag(np.arange(1.0, 11.0) ** 2))
+    return Nonlinearity(shifts, np.diag(np.arange(1.0, 11.0) ** 2))
 
 
 def test_numbers_that_mix_parameters_are_judged_by_their_own_deviation() -> None:

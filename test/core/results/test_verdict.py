@@ -12,7 +12,7 @@ from made_runs import BODY as MADE_BODY
 from made_runs import estimate, planar
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Status, is_complete, is_usable
-from mbaid_ros.core.results.identifiable import Curvature, IntervalConsistency, Reporting, Solution
+from mbaid_ros.core.results.identifiable import IntervalConsistency, Nonlinearity, Reporting, Solution
 from mbaid_ros.core.results.verdict import Reason, Severity, with_reasons
 from mbaid_ros.core.robot.model import Plane
 from mbaid_ros.core.robot.momentum import is_physical, physical_jacobian, standard
@@ -43,7 +43,7 @@ def solution(relative: float | Array, body: Array = BODY, **changes: object) -> 
     made = Solution(
         x=np.concatenate((standard(body), MOMENTUM)),
         covariance=covariance,
-        cautious_covariance=covariance,
+        covariance_for_identifiability=covariance,
         cost=600.0,
         redundancy=600,
         origin=np.zeros(3),
@@ -99,8 +99,8 @@ def test_a_mass_observed_at_first_order_is_published_with_the_remainder(
     made = solution(0.01)
     own, along = made.covariance[:10, :10], np.linalg.inv(physical_jacobian(standard(BODY)))[:, 0]
     std = 0.01 * BODY[0]
-    bent = Curvature(shift * std * along[None], own, covariances=alike * own[None])
-    estimate, before = report(replace(made, curvatures=(bent,))), report(made)
+    bent = Nonlinearity(shift * std * along[None], own, covariances=alike * own[None])
+    estimate, before = report(replace(made, nonlinearities=(bent,))), report(made)
     assert bool(estimate.identifiable[0]) is published
     assert estimate.std[1:] == pytest.approx(before.std[1:])
     if published:
@@ -109,7 +109,7 @@ def test_a_mass_observed_at_first_order_is_published_with_the_remainder(
         assert (
             'observable only at second order: mass; known_links.total_mass helps: weigh the robot' in estimate.warnings
         )
-    assert report(replace(made, curvatures=(replace(bent, covariances=bent.covariances[:0]),))).identifiable[0] == (
+    assert report(replace(made, nonlinearities=(replace(bent, covariances=bent.covariances[:0]),))).identifiable[0] == (
         shift < 0.5
     )
 
@@ -164,7 +164,7 @@ def test_the_cautious_covariance_decides_what_is_determined() -> None:
     made = solution(0.15)
     cautious = made.covariance.copy()
     cautious[:10, :10] *= 4.0
-    estimate = report(replace(made, cautious_covariance=cautious))
+    estimate = report(replace(made, covariance_for_identifiability=cautious))
     assert estimate.status == 'not_identifiable'
     assert np.isnan(estimate.parameters).all()
 

@@ -11,7 +11,7 @@ from checked import some
 from mbaid_ros.core.difference.weighted import subspace, window_rows
 from mbaid_ros.core.geometry import Array, exp, rotate, unvec
 from mbaid_ros.core.robot.model import Kinematics, PlaneDetector, RobotModel, express, load_model
-from mbaid_ros.core.robot.momentum import MomentumKernel, inertia_matrix, mobility_and_momentum, momentum
+from mbaid_ros.core.robot.momentum import MomentumKernel, inertia_matrix, inverse_inertia_and_momentum, momentum
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, kernel, observe, windows
@@ -29,18 +29,18 @@ def test_the_whole_is_the_sum_of_the_bodies(seed: int) -> None:
     kinematics, parameters = Kinematics(model), model.body_parameters()
     bodies = kinematics.configure(rotation, position)
     twists = kinematics.body_twists(bodies, velocity, twist)
-    mobility, total = mobility_and_momentum(express(parameters, bodies.rotation, bodies.position), twists)
+    inverse_inertia, total = inverse_inertia_and_momentum(express(parameters, bodies.rotation, bodies.position), twists)
     expressed = express(parameters, bodies.rotation, bodies.position)
     locked = np.sum(inertia_matrix(expressed), axis=1)
-    assert mobility @ locked == pytest.approx(np.broadcast_to(np.eye(6), locked.shape), abs=1e-11)
+    assert inverse_inertia @ locked == pytest.approx(np.broadcast_to(np.eye(6), locked.shape), abs=1e-11)
     assert total == pytest.approx(np.sum(momentum(expressed, twists), axis=1), rel=1e-12, abs=1e-10)
     for size in (1, 2, 7):
         for begin in range(0, INSTANTS, size):
             part = slice(begin, begin + size)
             alone = kinematics.configure(rotation[part], position[part])
             own = express(parameters, alone.rotation, alone.position)
-            found = mobility_and_momentum(own, kinematics.body_twists(alone, velocity[part], twist[part]))
-            assert np.array_equal(found[0], mobility[part])
+            found = inverse_inertia_and_momentum(own, kinematics.body_twists(alone, velocity[part], twist[part]))
+            assert np.array_equal(found[0], inverse_inertia[part])
             assert np.array_equal(found[1], total[part])
 
 
@@ -53,7 +53,7 @@ def test_mass_on_a_line_is_refused() -> None:
     point = np.zeros_like(model.body_parameters())
     point[0, 0] = 1.0  # all of it in the base's origin
     with pytest.raises(np.linalg.LinAlgError):
-        mobility_and_momentum(
+        inverse_inertia_and_momentum(
             express(point, bodies.rotation, bodies.position), kinematics.body_twists(bodies, velocity, twist)
         )
 

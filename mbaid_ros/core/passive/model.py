@@ -127,14 +127,16 @@ class SpringErrors(_OfSprings):
         ),
     }
 
-    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, nominal: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with these springs, or with the joints held; a damper never drives."""
-        springs, each = side.kernel.springs, value.reshape(-1, 2)
+        springs, each = nominal.kernel.springs, value.reshape(-1, 2)
         if not springs.count:
-            return side
+            return nominal
         rate = springs.frequency * np.exp(each[:, 0])
         ratio = np.maximum(springs.damping_ratio + each[:, 1], 0.0)
-        return replace(side, kernel=side.kernel.with_springs(replace(springs, frequency=rate, damping_ratio=ratio)))
+        return replace(
+            nominal, kernel=nominal.kernel.with_springs(replace(springs, frequency=rate, damping_ratio=ratio))
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,13 +147,13 @@ class StartingSwing(_OfSprings):
     redrawn_per_motion = True
     redrawn_after_gap = True
 
-    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, nominal: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with this start, or with the joints held."""
-        springs = side.kernel.springs
+        springs = nominal.kernel.springs
         if not springs.count:
-            return side
+            return nominal
         state = springs.initial_state + value.reshape(-1, 2).T
-        return replace(side, kernel=side.kernel.with_springs(replace(springs, initial_state=state)))
+        return replace(nominal, kernel=nominal.kernel.with_springs(replace(springs, initial_state=state)))
 
 
 def _at_the_start(unknowns: Sequence[Unknown]) -> Array | None:
@@ -199,10 +201,10 @@ class SwingNoise(Unknown):
             return self
         return replace(self, factor=np.maximum(self.factor, part * start))
 
-    def applied_to(self, side: NominalModel, value: Array) -> NominalModel:
+    def applied_to(self, nominal: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model as it is: windows are linearised without."""
         del value
-        return side
+        return nominal
 
     def linearisation_value(self, value: Array, deviation: Array) -> Array:
         """Return zero."""

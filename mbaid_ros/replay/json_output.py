@@ -19,7 +19,7 @@ from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.results.budget import PARAMETERS
 from mbaid_ros.core.results.estimate import PassiveJoint
-from mbaid_ros.core.results.noise_levels import CHANNELS, SensorLevels
+from mbaid_ros.core.results.noise_levels import CHANNELS, NoiseLevels
 from mbaid_ros.core.target import Debris
 from mbaid_ros.files import as_utf8, require_writable, write_text
 from mbaid_ros.parameters import values_of
@@ -172,7 +172,7 @@ def events(run: Run) -> list[dict[str, Any]]:
     return [{'t': each.time, **{name: plain(getattr(each, name)) for name in names}} for each in run.final.events]
 
 
-def _noise(levels: SensorLevels) -> dict[str, Any]:
+def _noise(levels: NoiseLevels) -> dict[str, Any]:
     """Return the declared and the estimated noise of each sensor."""
     names = 'declared', 'found', 'assumed', 'found_is_used'
     rows = zip(levels.declared, levels.estimated, levels.assumed, levels.used.astype(bool), strict=True)

@@ -13,8 +13,8 @@ from mbaid_ros.config.parameter_files import read_yaml
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.errors import DataError, ParameterError, listing
 from mbaid_ros.parameters import shown
-from mbaid_ros.recordings.csv_tables import Table, read_table
 from mbaid_ros.recordings.recording import Recording, turned_about_z
+from mbaid_ros.recordings.table_files import Table, read_table
 from mbaid_ros.sensor_messages import Joints, Poses, Thrust
 
 _KEYS = ('separator', 'header', 'time', 'base', 'joints', 'thrust')
