@@ -43,7 +43,7 @@ class Knots(ArrayRecord):
     offset: Array  # (J,) mean of the sample times less the knot's centre, over the knots' spacing
     impulse: Array  # (J, 6) change of (P, L) by known thrust, L about the run's origin
     stored: Array  # (J, c) readings of the momentum stored inside bodies
-    # tide, thrust: (J, 60 b), (J, 30 f) as in Samples, L about the run's origin
+    # gravity_columns, thrust: (J, 60 b), (J, 30 f) as in Samples, L about the run's origin
     gravity_columns: Array
     thrust: Array
     further: Array  # (J, c) as in Samples; NaN where a sample has none

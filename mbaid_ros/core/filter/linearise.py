@@ -72,7 +72,7 @@ def total_momentum(middle: Midpoints, point: Point, known: Array, impulses: tupl
     ----------
     middle, point : Midpoints, Point
     known : (n + 1, 10) standard parameters of all bodies
-    impulses : columns of tide and of thrusters that deviate from their commands
+    impulses : columns of gravity and of thrusters that deviate from their commands
     """
     parameters, (gravity_columns, thrust) = point.parameters, impulses
     linear, angular = parameters[:3] + middle.impulse[:, :3], parameters[3:6] + middle.impulse[:, 3:]
