@@ -144,7 +144,7 @@ def momentum_rates(orbit: Orbit, time: Array, configuration: Configuration, base
 
 
 class FallingFrame:
-    """Transforms odometry from a frame that turns with an orbit to one that falls and does not turn; adds momentum by gravity.
+    """Transforms odometry from a frame that turns with an orbit to one that falls; adds momentum by gravity.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ class FallingFrame:
         )
 
     def with_momentum(self, window: Samples, origin: int) -> Samples:
-        """Return the next window with the momentum by gravity until each of its samples; `origin` is the stamp at time 0, ns."""
+        """Return the next window with the momentum by gravity until each sample; `origin` is the stamp at time 0, ns."""
         if self.epoch is None:
             self.epoch = origin
         placed = self._kinematics.configure(window.base_rotation, window.joint_position)
