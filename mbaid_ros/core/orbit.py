@@ -200,7 +200,7 @@ class FallingFrame:
         )
 
     def with_momentum(self, window: Samples, origin: int) -> Samples:
-        """Return the next window with the momentum by gravity until each sample; `origin` is the stamp at time 0, ns."""
+        """Return the next window with momentum by gravity until each sample; `origin` is the stamp at time 0, ns."""
         if self.epoch is None:
             self.epoch = origin
         placed = self._kinematics.configure(window.base_rotation, window.joint_position)
