@@ -15,6 +15,7 @@ PAGE = ROOT / 'docs' / 'reference' / 'thresholds.md'
 SECTIONS = {
     'Method `trajectory`': ('core/method.py', 'core/filter', 'core/state.py', 'core/windows.py', 'core/contracts.py'),
     'Fault isolation': ('core/diagnosis', 'core/joints/faults.py', 'core/odometry/faults.py'),
+    'Repair': ('core/repair.py', 'session/repairing.py'),
     'Method `difference`, the first stage of `trajectory`, and the methods of the paper': ('core/difference',),
     'Status and publication': ('core/results',),
     'Joints, odometry and gyro': (

@@ -11,7 +11,7 @@ import numpy as np
 
 from mbaid_ros.core.contracts import Convention, Linear, Motion, NominalModel, Unknown, Words, converted
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.repair import Conversion, Repair, numbers, widened, with_band
+from mbaid_ros.core.repair import Conversion, Repair, wider_prior, with_band
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.windows import Window
 from mbaid_ros.parameters import parameter
@@ -52,12 +52,8 @@ class TimeOffset(Unknown):
     def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
         """Return the offset as uncertain as it is large."""
         del cause, kernel
-        return Repair(
-            f'the joints are stamped {with_band(value, std, 1e3)} ms late',
-            {'time_offset.prior_std': widened(float(np.abs(value[0])))},
-            value=numbers(value),
-            std=numbers(std),
-            unit='s',
+        return wider_prior(
+            f'the joints are stamped {with_band(value, std, 1e3)} ms late', 'time_offset.prior_std', value, std, 's'
         )
 
     def measured(self, sensor: str, motion: Motion) -> Array:
@@ -100,11 +96,12 @@ class ClockDrift(Linear):
     def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
         """Return the drift as uncertain as it is large."""
         del cause, kernel
-        return Repair(
+        return wider_prior(
             f'the clocks drift apart by {with_band(value, std, 1e6)} ppm',
-            {'time_offset.drift_std': widened(float(np.abs(value[0])), _LARGEST_DRIFT)},
-            value=numbers(value),
-            std=numbers(std),
+            'time_offset.drift_std',
+            value,
+            std,
+            most=_LARGEST_DRIFT,
         )
 
     def measured(self, sensor: str, motion: Motion) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 from mbaid_ros.core.contracts import Axes, Disturbance, Hypothesis, NominalModel, Unknown, Words, diagonal
 from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.orbit import Orbit, OrbitConfig, make_orbit
-from mbaid_ros.core.repair import Repair, Setting, numbers, widened, with_band
+from mbaid_ros.core.repair import Repair, Setting, wider_prior, with_band
 from mbaid_ros.core.robot.model import Kinematics, PlaneDetector, RobotModel
 from mbaid_ros.core.robot.momentum import THRUSTER_ERRORS, BodyStates, MomentumKernel
 from mbaid_ros.core.samples import Samples, stamp_of
@@ -311,12 +311,8 @@ class ExternalTorque(Disturbance):
         """Return it as uncertain as it is large."""
         del kernel
         kind, unit = ('force', 'N') if cause.startswith(FORCE) else ('torque', 'N m')
-        return Repair(
-            f'a {kind} of {with_band(value, std)} {unit} acts from outside',
-            {f'disturbance.{kind}_std': widened(float(np.max(np.abs(value))))},
-            value=numbers(value),
-            std=numbers(std),
-            unit=unit,
+        return wider_prior(
+            f'a {kind} of {with_band(value, std)} {unit} acts from outside', f'disturbance.{kind}_std', value, std, unit
         )
 
     @property

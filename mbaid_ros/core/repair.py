@@ -15,7 +15,7 @@ Setting = bool | float | str | tuple[float, ...] | tuple[str, ...]  # the value 
 PoseMeaning = Literal['as read', 'inverse', 'w first', 'millimetres']
 _QUANTILE = 1.96  # standard deviations of a 95 % interval
 _MARGIN = 1.5  # times the size found, that a declared standard deviation is at least
-_STEPS = np.array([1.0, 2.0, 5.0, 10.0])  # of declared standard deviations in a decade: nobody declares 0.0453
+_STEPS = np.array([1.0, 2.0, 5.0, 10.0])  # of declared standard deviations in a decade: round numbers
 _MILLIMETRE = 1e-3  # m
 # Share of the leading gain, and log-likelihood, within which another cause is as likely.
 _RIVAL_SHARE, _RIVAL_GAIN = 0.02, 10.0
@@ -176,6 +176,18 @@ def with_band(value: Array, std: Array, scale: float = 1.0) -> str:
 def numbers(values: Array) -> float | tuple[float, ...]:
     """Return a number as it is, and several as a tuple."""
     return float(values[0]) if len(values) == 1 else tuple(map(float, values))
+
+
+def wider_prior(cause: str, parameter: str, value: Array, std: Array, unit: str = '', most: float = np.inf) -> Repair:
+    """Return the repair that declares a parameter, a standard deviation, as large as a deviation (k,) that was found.
+
+    Parameters
+    ----------
+    value, std : (k,) of the deviation, SI
+    most : largest value of the parameter
+    """
+    wider = widened(float(np.max(np.abs(value))), most)
+    return Repair(cause, {parameter: wider}, value=numbers(value), std=numbers(std), unit=unit)
 
 
 def leading_repair(

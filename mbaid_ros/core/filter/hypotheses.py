@@ -555,7 +555,7 @@ class MultiStart:
         length = float(np.sum(lengths)) * min(1.0, _LINKS / max(len(lengths), 1))
         guesses: list[Point] = []
         for mass in [declared] if declared > 0.0 else parts:
-            if not kernel.model.joints and kernel.target.parameters[0] > 0.0:  # nothing else tells of its size
+            if not kernel.model.joints and kernel.target.parameters[0] > 0.0:  # nothing else shows its size
                 body = kernel.target.parameters * mass / kernel.target.parameters[0]
                 guesses.append(layout.point(self._beginning(body, windows)))
                 continue

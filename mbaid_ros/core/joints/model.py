@@ -14,7 +14,7 @@ from scipy.linalg.lapack import dtrtrs
 from mbaid_ros.core.contracts import Linear, NominalModel, Stack, Unknown, Words, diagonal
 from mbaid_ros.core.geometry import Array, Integers, cross, rotate, skew
 from mbaid_ros.core.passive.swing import of_swing, passive_momenta
-from mbaid_ros.core.repair import Repair, numbers, widened, with_band
+from mbaid_ros.core.repair import Repair, widened, wider_prior, with_band
 from mbaid_ros.core.robot.model import Kinematics, PlaneDetector, RobotModel
 from mbaid_ros.core.robot.momentum import BodyStates, MomentumKernel, inertia_matrix, sensitivity_to_joints
 from mbaid_ros.core.samples import ArrayRecord
@@ -105,12 +105,12 @@ class JointPlacements(Unknown):
         part, _, name = cause.partition(':')
         slides = kernel.model.prismatic[kernel.model.joint_names.index(name)]
         unit = 'm' if part == 'origin' or (part == 'zero' and slides) else 'rad'
-        return Repair(
+        return wider_prior(
             f'the {part} of {name} is off by {with_band(value, std, 1e3)} m{unit}',
-            {f'known_joints.{name}.{part}_std': widened(float(np.max(np.abs(value))))},
-            value=numbers(value),
-            std=numbers(std),
-            unit=unit,
+            f'known_joints.{name}.{part}_std',
+            value,
+            std,
+            unit,
         )
 
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:

@@ -36,7 +36,7 @@ from mbaid_ros.core.geometry import (
 from mbaid_ros.core.joints.model import JointNoise
 from mbaid_ros.core.odometry.stream import AttachedFrame
 from mbaid_ros.core.orbit import orbit_fixed_frame
-from mbaid_ros.core.repair import Conversion, Repair, Setting, numbers, widened, with_band
+from mbaid_ros.core.repair import Conversion, Repair, Setting, numbers, widened, wider_prior, with_band
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import BodyStates, MomentumKernel, force_cross, inertia_matrix, motion_cross
 from mbaid_ros.core.samples import ArrayRecord
@@ -210,11 +210,12 @@ class OdometryScale(Linear):
     def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
         """Return the scale as uncertain as it is off."""
         del cause, kernel
-        return Repair(
+        return wider_prior(
             f'the odometry reads lengths {with_band(value, std, 1e2)} % too long',
-            {'odometry.scale_std': widened(float(np.abs(value[0])), _LARGEST_SCALE)},
-            value=numbers(value),
-            std=numbers(std),
+            'odometry.scale_std',
+            value,
+            std,
+            most=_LARGEST_SCALE,
         )
 
     def equation_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
@@ -265,9 +266,7 @@ class TwistBias(Linear):
         what = 'angular velocity' if turns else 'velocity'
         text = f'the {what} of the twist has a bias of {with_band(value, std)} {unit}'
         if turns:
-            wider = widened(float(np.max(np.abs(value))))
-            parameters = {'odometry.angular_velocity_bias_std': wider}
-            return Repair(text, parameters, value=numbers(value), std=numbers(std), unit=unit)
+            return wider_prior(text, 'odometry.angular_velocity_bias_std', value, std, unit)
         conversion = Conversion(with_twist=False)
         return Repair(text, conversion=conversion, value=numbers(value), std=numbers(std), unit=unit)
 
@@ -305,12 +304,13 @@ class OdometryTurning(Linear):
     def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
         """Return the frame's angular velocity as uncertain as it is large."""
         del cause, kernel
-        return Repair(
+        return wider_prior(
             f'the frame of the odometry turns by {with_band(value, std, 1e3)} mrad/s',
-            {'odometry.turning_std': widened(float(np.max(np.abs(value))), _FASTEST)},
-            value=numbers(value),
-            std=numbers(std),
-            unit='rad/s',
+            'odometry.turning_std',
+            value,
+            std,
+            'rad/s',
+            most=_FASTEST,
         )
 
     def measured(self, sensor: str, motion: Motion) -> Array | None:
