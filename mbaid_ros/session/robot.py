@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -204,20 +205,6 @@ def _mass_without_target(config: KnownLinksConfig, kernel: MomentumKernel) -> To
     return TotalMass(total.mass - float(own[0]), float(np.hypot(total.std, given * own[0])))
 
 
-def declared_exact(config: EstimatorConfig) -> bool:
-    """Return whether the parameters declare a robot that is exactly its URDF.
-
-    Fault isolation tries single causes one by one: that everything deviates a little is none of them.
-    """
-    links, joints, mount = config.known_links, config.known_joints, config.odometry_mount
-    uncertain = (
-        *(links.relative_std, links.links, links.calibration),
-        *(joints.zero_std, joints.origin_std, joints.axis_std, joints.tracking_std, joints.joints),
-        *(mount.position_std, mount.orientation_std),
-    )
-    return not any(uncertain)
-
-
 def _calibration(model: RobotModel, config: KnownLinksConfig) -> CalibrationFile:
     """Return the calibration that the parameters name, of the very robot."""
     found = read_calibration(config.calibration)
@@ -313,7 +300,7 @@ class Robot:
     """
 
     def __init__(self, config: EstimatorConfig, urdf: str) -> None:
-        self._report_debris = config.debris.report
+        self._config = config
         self.model = load_model(urdf, config.base_link)
         self.urdf = urdf
         self.target_link = config.target_link or self.model.last_link
@@ -336,6 +323,12 @@ class Robot:
         """Names of the readings: independent joints, then stored momenta."""
         return (*self.model.independent_joints, *self.kernel.storage.names)
 
+    @cached_property
+    def exact(self) -> bool:
+        """Whether nothing of the robot is declared uncertain: fault isolation tries single causes, not many small."""
+        declared = declaration(self._config, self.kernel).unknowns
+        return self.known is None and not any(unknown.calibrated for unknown in declared)
+
     @property
     def phase(self) -> CapturePhase:
         """Phase of the run relative to the capture."""
@@ -343,7 +336,7 @@ class Robot:
 
     def debris(self, estimate: Estimate) -> Debris | None:
         """Return the captured body alone: the estimate less the URDF's link; None if not wanted or not determined."""
-        if not self._report_debris:
+        if not self._config.debris.report:
             return None
         return debris(estimate, self.kernel.target.parameters, self._link_covariance)
 

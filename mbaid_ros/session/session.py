@@ -37,7 +37,7 @@ from mbaid_ros.session.continuation import read_continuation
 from mbaid_ros.session.methods import make_capture, make_estimator
 from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
 from mbaid_ros.session.repairing import Given, Recording, RepairPolicy, conversions, refuse_repair, repaired
-from mbaid_ros.session.robot import EXACT_ROBOT, Robot, declared_exact
+from mbaid_ros.session.robot import EXACT_ROBOT, Robot
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
 SPOKEN = {JOINTS: 'the joint states', ODOMETRY: 'the poses of the base', IMU: 'the IMU'}  # whatever their topics are
@@ -406,7 +406,7 @@ class Segment:
         causes, warnings = estimate.causes, estimate.warnings
         if text:  # second, with the gain of the first
             causes = (*causes[:1], (text, causes[0][1] if causes else 0.0), *causes[1:])
-        if declared_exact(self._config):
+        if self._robot.exact:
             warnings = (*warnings, EXACT_ROBOT)
         return replace(estimate, causes=causes, warnings=warnings)
 

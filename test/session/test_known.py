@@ -25,7 +25,7 @@ from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.state import layout_of, variables
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.parameters import build
-from mbaid_ros.session.robot import EXACT_ROBOT, declared_exact, nominal_model, with_known_errors
+from mbaid_ros.session.robot import EXACT_ROBOT, Robot, nominal_model, with_known_errors
 from mbaid_ros.session.session import Session
 from mbaid_ros.tasks import Method
 from servicers import LINKS, standard_parameters
@@ -189,7 +189,7 @@ def test_what_cannot_be_used_is_one_line(tmp_path: Path, found: object, reason: 
 def test_a_robot_is_declared_exact_if_no_parameter_leaves_it_uncertain(
     parameters: dict[str, object], exact: bool
 ) -> None:
-    assert declared_exact(build(EstimatorConfig, parameters)) is exact
+    assert Robot(build(EstimatorConfig, parameters), urdf('table1')).exact is exact
 
 
 def test_the_mass_of_the_whole_robot_is_known_as_well_as_it_was_weighed() -> None:
