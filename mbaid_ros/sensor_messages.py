@@ -18,6 +18,7 @@ SENSOR_TYPES = {
     'imu': 'sensor_msgs/msg/Imu',
     'thrust': 'geometry_msgs/msg/WrenchStamped',
     'stored_momentum': 'geometry_msgs/msg/Vector3Stamped',
+    'target_pose': 'geometry_msgs/msg/PoseStamped',
 }
 _ABSENT = np.array([-1.0, *np.zeros(8)])  # covariance of a quantity that is not measured (REP 145)
 
@@ -148,7 +149,27 @@ class StoredMomentum:
         return types.find(SENSOR_TYPES['stored_momentum'])(header=header, vector=vector(self.momentum[index], types))
 
 
-Readings = Joints | Poses | Imu | Thrust | StoredMomentum
+@dataclass(frozen=True)
+class TargetPoses:
+    """N poses of a frame fixed to the target: (N,) s, (N, 3) m and quaternions (N, 4) x, y, z, w, of `frame`."""
+
+    TOPIC: ClassVar[str] = 'target_pose'
+
+    time: Array
+    position: Array
+    orientation: Array
+    frame: str = 'odom'
+
+    def message(self, types: MessageTypes, index: int, stamp: int) -> Any:
+        """Return one of them as a geometry_msgs/PoseStamped."""
+        pose = types.find('geometry_msgs/msg/Pose')(
+            position=vector(self.position[index], types, 'Point'),
+            orientation=vector(self.orientation[index], types, 'Quaternion'),
+        )
+        return types.find(SENSOR_TYPES['target_pose'])(header=stamped(stamp, self.frame, types), pose=pose)
+
+
+Readings = Joints | Poses | Imu | Thrust | StoredMomentum | TargetPoses
 
 
 def in_order(

@@ -39,6 +39,7 @@ from mbaid_ros.simulation.simulation import (
 )
 from mbaid_ros.simulation.steered import SteeredMotion, TrajectoryMotion, motion_along
 from mbaid_ros.simulation.true_robot import ErrorStds, ModelErrors, draw, generator
+from mbaid_ros.simulation.tumbling import FreeMotion, TargetCamera, Tracking
 
 _QUATERNION_TOLERANCE = 1e-3
 _NOT_OF_LINKS = ('seed', 'frequency_relative_std')  # of the model errors
@@ -225,6 +226,25 @@ def make_simulation(
     if target is not None and isinstance(motion, Driven):
         return CaptureSimulation(model, motion, start, target, around)
     return Simulation(model, motion, start, environment=around)
+
+
+def make_target_camera(config: SimulatorConfig, simulation: Simulation | PiecewiseSimulation) -> TargetCamera | None:
+    """Return what tracks the target before its capture; None without one.
+
+    Raises ParameterError: Nothing is captured, or that in an orbit.
+    """
+    tracked = config.target_pose
+    if tracked.rate == 0.0:
+        return None
+    if not isinstance(simulation, CaptureSimulation) or config.orbit.mean_motion > 0.0:
+        raise ParameterError(
+            f"parameter 'target_pose.rate' is {tracked.rate:g} Hz with capture.time {config.capture.time:g} s and "
+            f'orbit.mean_motion {config.orbit.mean_motion:g} rad/s; accepted: a capture, and no orbit'
+        )
+    motion, until = FreeMotion(simulation.target, *simulation.link_pose), simulation.target.time
+    noise = tracked.position_noise, tracked.orientation_noise
+    tracking = Tracking(np.array(tracked.position), tracked.rate, *noise, tracked.missing)
+    return TargetCamera(motion, until, tracking, config.seed)
 
 
 def make_springs(config: SimulatorConfig, model: RobotModel) -> Springs | None:

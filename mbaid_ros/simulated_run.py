@@ -22,6 +22,7 @@ from mbaid_ros.sensor_messages import (
     Joints,
     Readings,
     StoredMomentum,
+    TargetPoses,
     Thrust,
     imu_of,
     in_order,
@@ -32,6 +33,7 @@ from mbaid_ros.simulated_robot import (
     make_model_errors,
     make_motion,
     make_simulation,
+    make_target_camera,
     make_view,
     make_wheels,
     steerable,
@@ -51,7 +53,7 @@ class TimedMessage:
 
     time: float  # s since the start of the run
     topic: str  # the one it belongs on
-    message: Any  # JointState, Odometry, WrenchStamped, Vector3Stamped or Imu
+    message: Any  # JointState, Odometry, WrenchStamped, Vector3Stamped, PoseStamped or Imu
 
 
 class SimulatedRun:
@@ -104,6 +106,7 @@ class SimulatedRun:
         view = make_view(config)
         sensors = Sensors(SensorNoise(**vars(config.noise)), config.seed, self.errors, config.wheels.speed_noise, view)
         imu = make_imu(config, self.robot)
+        self._camera = make_target_camera(config, simulation)
         self._read = 0.0  # s, until which it has been
         self._sensed = SensedSimulation(simulation, sensors, config.joint_rate, config.odometry_rate, imu)
 
@@ -113,6 +116,7 @@ class SimulatedRun:
         wanted = {
             'imu': self.config.imu.rate > 0.0,
             'thrust': self.pulse is not None and self.config.thrust.publish,
+            'target_pose': self._camera is not None,
             'stored_momentum': self.wheels is not None and self.config.wheels.publish == 'stored_momentum',
         }
         return {topic: kind for topic, kind in SENSOR_TYPES.items() if wanted.get(topic, True)}
@@ -169,9 +173,15 @@ class SimulatedRun:
             parts.append(StoredMomentum(joints.time, stored, self.model.base_link))
         parts += [poses_of(base, self.model.base_link, self.config.odom_frame), self._reported(joints)]
         parts += [] if imu is None else [imu_of(imu, self.model.base_link)]
+        if self._camera is not None:
+            delay = self.config.target_pose.delay
+            time, position, orientation = self._camera.readings(until - delay)
+            parts.append(TargetPoses(time + delay, position, orientation, self.config.odom_frame))
         return [TimedMessage(*each) for each in in_order(parts, self._types, self._stamp)]
 
     def _stamp(self, part: Readings, time: float) -> int:
+        if isinstance(part, TargetPoses):
+            return self.stamp(time - self.config.target_pose.delay)
         return self.stamp(time + self.config.imu.delay if isinstance(part, Imu) else time)
 
     def _reported(self, readings: JointReadings) -> Joints:

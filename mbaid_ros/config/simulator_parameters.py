@@ -126,6 +126,24 @@ class SimulatedCaptureConfig:
 
 
 @dataclass(frozen=True)
+class SimulatedTargetPoseConfig:
+    """Poses of a frame on the captured body before its capture, as a camera tracks it."""
+
+    rate: float = parameter(0.0, 'Hz', minimum=0.0, maximum=1e4)
+    """Poses a second on target_pose, until the capture; 0 is none."""
+    position: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'm', lengths=(3,))
+    """Origin of the tracked frame in the target link's frame at the capture; its axes are those of the link then."""
+    position_noise: float = parameter(0.0, 'm', minimum=0.0)
+    """Noise of each coordinate of a pose."""
+    orientation_noise: float = parameter(0.0, 'rad', minimum=0.0)
+    """Noise of the orientation about each axis."""
+    delay: float = parameter(0.0, 's', minimum=0.0)
+    """Time from the measurement, which the stamp has, to the message."""
+    missing: float = parameter(0.0, minimum=0.0, maximum=1.0)
+    """Part of the poses that are missing, drawn by seed."""
+
+
+@dataclass(frozen=True)
 class SimulatedModelErrorsConfig:
     """Standard deviations of the deviations of the simulated robot from its URDF; 0: exact."""
 
@@ -222,6 +240,7 @@ class SimulatorConfig:
     wheels: SimulatedWheelsConfig = field(default_factory=SimulatedWheelsConfig)
     flexible: FlexibleConfig = field(default_factory=FlexibleConfig)
     capture: SimulatedCaptureConfig = field(default_factory=SimulatedCaptureConfig)
+    target_pose: SimulatedTargetPoseConfig = field(default_factory=SimulatedTargetPoseConfig)
     model_errors: SimulatedModelErrorsConfig = field(default_factory=SimulatedModelErrorsConfig)
     noise: SimulatedNoiseConfig = field(default_factory=SimulatedNoiseConfig)
     imu: SimulatedImuConfig = field(default_factory=SimulatedImuConfig)

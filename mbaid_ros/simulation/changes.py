@@ -91,6 +91,7 @@ class CaptureSimulation(PiecewiseSimulation):
     ----------
     target : as given
     joined_model : the robot after the capture
+    link_pose : rotation (3, 3) and position (3,) m of the link that holds the target, at the capture, odometry frame
     target_momentum : (6,) momentum (P, L) of the target before it, odometry frame, L about its origin
     total_momentum : (6,) that of the whole after it
     """
@@ -107,19 +108,25 @@ class CaptureSimulation(PiecewiseSimulation):
         self.target, self.joined_model = target, with_target(model, target)
         # Where the capture happens follows from the motion alone: a run of its own finds it.
         at = Simulation(model, motion, initial, environment=around).advance(np.array([time]))
-        self.target_momentum = _target_momentum(model, at, target)
+        self.link_pose = _link_pose(model, at, target.link)
+        self.target_momentum = _target_momentum(self.link_pose, target)
         self.total_momentum: Array = total_momentum(model, at, around.wheels)[0] + self.target_momentum
         start = _joined_state(self.joined_model, at, self.total_momentum, around.wheels)
         after = Simulation(self.joined_model, motion.from_time(time), start, environment=around.from_time(time))
         super().__init__(Simulation(model, motion, initial, environment=around), [(time, lambda _: after)])
 
 
-def _target_momentum(model: RobotModel, at: Truth, target: Target) -> Array:
-    """Return (P, L) of the target where the link is at the capture, (6,)."""
-    link = model.link(target.link)
+def _link_pose(model: RobotModel, at: Truth, name: str) -> tuple[Array, Array]:
+    """Return rotation (3, 3) and position (3,) of a link's frame in the odometry frame."""
     configuration = Kinematics(model).configure(rotation_from_quaternion(at.base_orientation), at.joint_position)
-    rotation, position = (values[0] for values in configuration.link_pose(link))
-    centre = at.base_position[0] + position + rotation @ target.body[1:4]
+    rotation, position = (values[0] for values in configuration.link_pose(model.link(name)))
+    return rotation, at.base_position[0] + position
+
+
+def _target_momentum(link_pose: tuple[Array, Array], target: Target) -> Array:
+    """Return (P, L) of the target where the link is at the capture, (6,)."""
+    rotation, position = link_pose
+    centre = position + rotation @ target.body[1:4]
     linear = target.body[0] * target.velocity
     inertia = rotation @ unvec(target.body[4:]) @ rotation.T
     return np.concatenate((linear, cross(centre, linear) + inertia @ target.spin))
