@@ -47,6 +47,11 @@ def blocks(document: Path, kind: str = '') -> list[Block]:
     return [block for block in found if not kind or block.mark.partition(':')[0] == kind]
 
 
+def python_blocks(document: Path) -> list[str]:
+    """Return the blocks of Python in a document, which belong together."""
+    return re.findall(r'^```python\n(.*?)^```$', document.read_text(encoding='utf-8'), re.DOTALL | re.MULTILINE)
+
+
 def names(documents: list[Path]) -> list[str]:
     """Return the paths of documents in the project."""
     return [str(path.relative_to(ROOT)) for path in documents]

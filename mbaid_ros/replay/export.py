@@ -20,10 +20,11 @@ from mbaid_ros.core.geometry import Array, quaternion_from_rotation, unvec, vec
 from mbaid_ros.core.results.budget import PARAMETERS
 from mbaid_ros.core.robot.model import RobotModel, load_model, replace_inertial
 from mbaid_ros.core.robot.momentum import is_physical, physical, standard
-from mbaid_ros.errors import ParameterError, listing
+from mbaid_ros.errors import DataError, ParameterError, listing
 from mbaid_ros.files import as_utf8, require_writable, write_text
 from mbaid_ros.replay.json_output import matrix, shaped
 from mbaid_ros.replay.provenance import sha256_of
+from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.saved import Identified, read_identified
 
 
@@ -98,6 +99,19 @@ def export(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def identified_urdf(run: Run) -> str:
+    """Return the robot description of a run with the identified link.
+
+    Raises DataError: The data contradict the model or do not determine all ten numbers, or no body has these.
+    """
+    final = run.final
+    body = Identified(run.target_link, final.status, final.parameters, final.covariance, final.warnings)
+    reason = _why_unusable(body)
+    if reason:
+        raise DataError(reason)
+    return replace_inertial(run.urdf, body.link, body.parameters)
+
+
 def _check(arguments: argparse.Namespace) -> None:
     """Refuse options that contradict each other."""
     form, shape = arguments.format, arguments.equivalent
@@ -120,11 +134,21 @@ def _why_not(body: Identified, arguments: argparse.Namespace) -> str:
     """Return why a body cannot be written; empty if it can."""
     if arguments.format == 'json' and not (arguments.principal or arguments.equivalent):
         return ''
+    hint = ''
     if body.contradicted:
-        return f"the data contradict the model of '{body.link}': not exported (--format json writes it)"
+        hint = ' (--format json writes it)'
+    elif body.missing and not arguments.fill:
+        hint = ' (--fill takes them from --model, --format json writes the others)'
+    reason = _why_unusable(body)
+    return f'{reason}{hint}' if reason else ''
+
+
+def _why_unusable(body: Identified) -> str:
+    """Return why no other program can use a body; empty if it can."""
+    if body.contradicted:
+        return f"the data contradict the model of '{body.link}': not exported"
     if body.missing:
-        hint = '' if arguments.fill else ' (--fill takes them from --model, --format json writes the others)'
-        return f"the data do not determine {listing(body.missing)} of '{body.link}'{hint}"
+        return f"the data do not determine {listing(body.missing)} of '{body.link}'"
     if not is_physical(standard(body.parameters)):
         return f"no real body has the mass, centre of mass and inertia of '{body.link}': not exported"
     return ''

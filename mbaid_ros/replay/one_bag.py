@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,17 +13,16 @@ from tqdm import tqdm
 from mbaid_ros.bags import BAG_TYPES, BagReader, BagWriter, Batch
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.capture import Capture
-from mbaid_ros.core.filter.posterior import Posterior
 from mbaid_ros.core.pipeline import Estimator
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import Samples, stamps_of
 from mbaid_ros.core.target import Debris
 from mbaid_ros.errors import DataError
 from mbaid_ros.estimate_messages import Frames, Publications
-from mbaid_ros.parameters import values_of
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.results import Arrivals, History, Run, TopicStatistics
-from mbaid_ros.session.explanation import intake_warnings, missing_joints
+from mbaid_ros.replay.kept import Kept
+from mbaid_ros.replay.results import Arrivals, Run, TopicStatistics
+from mbaid_ros.session.explanation import intake_warnings
 from mbaid_ros.session.session import Session
 from mbaid_ros.tasks import Method
 
@@ -113,7 +112,7 @@ def replay_bag(
     """
     known = None if before is None or before.posterior is None else before.posterior.continuation
     session = Session(config, urdf, before=known)
-    kept = _Kept(session, writer)
+    kept = Kept(session, config, writer)
     with BagReader(path, inputs.start, inputs.end) as bag:
         inputs = inputs.resolved(bag)
         intake = _Intake(session, inputs, inputs.topics(bag))
@@ -123,34 +122,7 @@ def replay_bag(
         topics = intake.statistics(bag)
         model_summary = session.model_summary()
         warnings = (*bag.warnings, *intake.warnings, *model_summary.warnings, *intake_warnings(session))
-    posterior, history, robot = session.posterior(), kept.history, session.robot
-    final = history.last or Estimate(method=config.method, status='waiting')
-    return Run(
-        bag=path,
-        target_link=robot.target_link,
-        final=final,
-        history=history.entries(),
-        topics=topics,
-        used=session.used,
-        dropped=dict(session.dropped),
-        missing_joints=missing_joints(session),
-        model_summary=model_summary,
-        warnings=warnings,
-        urdf=robot.urdf,
-        settings=values_of(config),
-        debris=robot.debris(history.last) if history.last else None,
-        phase=robot.phase,
-        capture=robot.captured(history.last) if history.last else None,
-        posterior=posterior,
-        advice='' if posterior is None or final.contradicted else _advice(session.config, posterior),
-    )
-
-
-def _advice(config: EstimatorConfig, posterior: Posterior) -> str:
-    """Return the motion that would help most."""
-    from mbaid_ros.session.planning import advice  # noqa: PLC0415 - takes a while, and many a run ends without it
-
-    return advice(config, posterior)
+    return kept.run(path, topics, model_summary, warnings)
 
 
 class _Intake:
@@ -190,34 +162,6 @@ class _Intake:
 
     def _count(self, bag: BagReader, topic: str) -> int:
         return self._arrivals[topic].count if self._inputs.sliced else bag.topics[topic].count
-
-
-class _Kept:
-    """The estimates of a run; a repair starts the run again, and a writer gets those of new windows as a node would.
-
-    Attributes
-    ----------
-    history : of the run since it was started last
-    """
-
-    def __init__(self, session: Session, writer: EstimateWriter | None) -> None:
-        self._session, self._writer = session, writer
-        self._repairs, self._restarted, self._written = 0, 0, -1
-        self.history = History()
-
-    def add(self, estimates: Sequence[Estimate]) -> None:
-        """Add the next estimates."""
-        session = self._session
-        if session.restarted != self._restarted:  # stamps may have jumped back
-            self._restarted, self._repairs, self._written = session.restarted, len(session.repairs), -1
-        elif len(session.repairs) != self._repairs:
-            self.history, self._repairs = History(), len(session.repairs)
-        robot = session.robot
-        for estimate in estimates:
-            self.history.add(estimate)
-            if self._writer and (not session.repairs or estimate.stamp > self._written):
-                self._written = estimate.stamp
-                self._writer.write(estimate, session.frames, robot.debris(estimate), robot.captured(estimate))
 
 
 @dataclass(frozen=True)
