@@ -162,7 +162,7 @@ class Identification:
             raise ValueError(f'to_urdf: {error}') from error
 
 
-def identify(  # noqa: PLR0913 - one argument for each thing that is measured
+def identify(  # noqa: PLR0913 - one argument for each measured quantity
     urdf: str | Path,
     joint_time: ArrayLike,
     joint_position: ArrayLike,
@@ -199,7 +199,7 @@ def identify(  # noqa: PLR0913 - one argument for each thing that is measured
     Raises
     ------
     ValueError
-        An argument cannot be used: one line with its name, its shape or value, and what is accepted.
+        An argument cannot be used: one line with its name, its shape or value, and the accepted ones.
 
     Examples
     --------

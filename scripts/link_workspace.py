@@ -2,6 +2,7 @@
 
 `make setup` runs it with the environment's Python. The wheels lack the `local_setup` files of a ROS 2 prefix;
 with these colcon chains them like any underlay. A start-up file lets the environment's Python find the workspace.
+The wheels lack `ros2`, too: scripts/ros2 stands in for it.
 """
 
 import sys
@@ -71,6 +72,8 @@ def main() -> None:
         sys.exit(f'{sys.executable} is not the Python of a virtual environment')
     for shell in ('sh', 'bash', 'zsh'):
         (Path(sys.prefix) / f'local_setup.{shell}').write_text(LOCAL_SETUP.format(prefix=sys.prefix))
+    if not (command := Path(sys.prefix) / 'bin' / 'ros2').exists():
+        command.symlink_to(WORKSPACE / 'scripts' / 'ros2')
     site_packages = Path(sysconfig.get_path('purelib'))
     install, build = str(WORKSPACE / 'install'), str(WORKSPACE / 'build' / 'mbaid_ros')
     startup = STARTUP.format(install=install, build=build, version=sysconfig.get_python_version())

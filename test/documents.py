@@ -70,11 +70,15 @@ def project(folder: Path) -> Iterator[Path]:
 
 
 def prelude() -> list[str]:
-    """Return the README's first blocks: they give the environment and the command `ros2 run`."""
-    first = [block.text for block in blocks(README, 'run')][:2]
-    assert 'install/setup.bash' in first[0]
-    assert first[1].startswith('ros2()')
+    """Return the README's first block, which gives the environment."""
+    first = [block.text for block in blocks(README, 'run')][:1]
+    assert first == ['. install/setup.bash\n']
     return first
+
+
+def with_ros2(environment: dict[str, str]) -> dict[str, str]:
+    """Return an environment with scripts/ros2, which `make setup` puts on the path where there is no `ros2`."""
+    return {**environment, 'PATH': f'{environment["PATH"]}:{ROOT / "scripts"}'}
 
 
 def bash(commands: str, folder: Path, environment: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
@@ -82,7 +86,7 @@ def bash(commands: str, folder: Path, environment: dict[str, str] | None = None)
     return subprocess.run(
         ['bash', '-ec', commands],
         cwd=folder,
-        env={**os.environ, **(environment or {})},
+        env=with_ros2({**os.environ, **(environment or {})}),
         capture_output=True,
         text=True,
         check=False,

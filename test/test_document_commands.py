@@ -16,7 +16,20 @@ import pytest
 import yaml
 from mbaid_msgs.msg import InertiaEstimate
 
-from documents import DOCUMENTS, INSTALL, README, ROOT, TUTORIAL, Block, bash, blocks, names, prelude, project
+from documents import (
+    DOCUMENTS,
+    INSTALL,
+    README,
+    ROOT,
+    TUTORIAL,
+    Block,
+    bash,
+    blocks,
+    names,
+    prelude,
+    project,
+    with_ros2,
+)
 from graph import Graph, graph
 from mbaid_ros.bags import BagReader
 from mbaid_ros.nodes.subscriptions import message_class
@@ -49,9 +62,7 @@ def test_the_way_with_ros_finds_both_packages_and_leads_to_the_executables(tmp_p
     (block,) = blocks(INSTALL, 'run with stand-ins')
     stand_ins = put_on_path(tmp_path / 'bin', 'rosdep', 'pip', 'colcon')
     with project(tmp_path / 'ws' / 'src' / 'mbaid_ros'):
-        run = bash(
-            f'{stand_ins}{block.text}{prelude()[1]}ros2 run mbaid_ros replay --help', ROOT, {'HOME': str(tmp_path)}
-        )
+        run = bash(f'{stand_ins}{block.text}ros2 run mbaid_ros replay --help', ROOT, {'HOME': str(tmp_path)})
     assert run.returncode == 0, run.stdout + run.stderr
     keys, *rest = run.stdout.splitlines()
     assert {'rclpy', 'pinocchio', 'python3-rosbags-pip', 'rosidl_default_generators'} <= set(keys.split())
@@ -68,7 +79,7 @@ def running(block: Block, place: Graph, folder: Path) -> Iterator[subprocess.Pop
     process = subprocess.Popen(
         ['bash', '-ec', ''.join(prelude()) + block.text],
         cwd=folder,
-        env=place.environment,
+        env=with_ros2(place.environment),
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
