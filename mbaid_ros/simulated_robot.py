@@ -11,8 +11,8 @@ from mbaid_ros.config.motion_files import read_trajectory
 from mbaid_ros.config.simulator_parameters import SimulatorConfig
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.orbit import make_orbit
+from mbaid_ros.core.robot.body import is_physical, standard
 from mbaid_ros.core.robot.model import Link, RobotModel
-from mbaid_ros.core.robot.momentum import is_physical, standard
 from mbaid_ros.core.wheels import make_storage
 from mbaid_ros.errors import DataError, ParameterError, listing
 from mbaid_ros.simulation import quaternions

@@ -10,8 +10,8 @@ import numpy as np
 from mbaid_ros.config.simulator_parameters import SimulatorConfig
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.errors import DataError
 from mbaid_ros.estimate_messages import Frames, MessageTypes, inertia_message, time_message

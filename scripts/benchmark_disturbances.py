@@ -13,8 +13,8 @@ from benchmarks.honesty.paths import servicer
 from benchmarks.precapture import free_urdf
 from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.parameters import build
 from mbaid_ros.replay.campaigns.statistics import coverage
 from mbaid_ros.sensor_messages import Joints, Poses, Thrust, joints_of, poses_of

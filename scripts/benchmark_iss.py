@@ -14,8 +14,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from benchmarks.iss_twin import NAMES, twin
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.robot.model import Link, express, load_model
-from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.recordings.iss import read_iss
 from mbaid_ros.recordings.recording import Recording, write_recording
 from mbaid_ros.replay import arguments as start

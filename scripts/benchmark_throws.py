@@ -20,7 +20,7 @@ import numpy as np
 
 from benchmarks.frame import table
 from mbaid_ros.core.geometry import Array, unvec
-from mbaid_ros.core.robot.momentum import physical_jacobian
+from mbaid_ros.core.robot.body import physical_jacobian
 from mbaid_ros.recordings.convert import main as convert
 from mbaid_ros.recordings.throws import OBJECTS, read_tudelft_throw
 from mbaid_ros.replay.arguments import calibrate

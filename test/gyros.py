@@ -15,8 +15,8 @@ from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.robot.model import Kinematics, express
-from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.parameters import build
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_simulation

@@ -12,7 +12,8 @@ from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.pipeline import Estimator
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.momentum import MomentumKernel, physical
+from mbaid_ros.core.robot.body import physical
+from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.streams import Windows
 from mbaid_ros.parameters import build

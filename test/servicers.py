@@ -17,8 +17,9 @@ from benchmarks.precapture import BARE_LINK7, GENERAL, WEIGHED, free_model
 from floating import RATE, float_freely, pushing, still
 from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, rotation_from_quaternion, unvec
+from mbaid_ros.core.robot.body import physical, standard
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.momentum import MomentumKernel, physical, standard
+from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.sensor_messages import Thrust
 from mbaid_ros.simulation.motion import Sinusoids, random_sinusoids
 from mbaid_ros.simulation.sensors import Sensors

@@ -30,8 +30,8 @@ from benchmarks.peers.runs import Outcome, Truth, outcome_of, score
 from documents import blocks
 from mbaid_ros.core.geometry import Array, exp, log, rotate, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import total_momentum

@@ -10,9 +10,9 @@ import numpy as np
 from mbaid_ros.calibration.unknowns import Prior
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.estimate import PassiveJoint, Thruster
-from mbaid_ros.core.results.identifiable import InertiaRatios, inertia_ratios
+from mbaid_ros.core.robot.body import InertiaRatios, inertia_ratios, physical, physical_jacobian
 from mbaid_ros.core.robot.model import Kinematics
-from mbaid_ros.core.robot.momentum import MomentumKernel, physical, physical_jacobian
+from mbaid_ros.core.robot.momentum import MomentumKernel
 
 # Part of a prior variance that the data have to take away for a value to count as theirs.
 _MOVED = 0.5

@@ -24,15 +24,9 @@ from mbaid_ros.core.method import estimates_of
 from mbaid_ros.core.odometry.model import OdometryMount
 from mbaid_ros.core.passive.model import SpringErrors, passive_joints, resolved
 from mbaid_ros.core.results.estimate import PassiveJoint
+from mbaid_ros.core.robot.body import body_sizes, physical, pseudo_inertia
 from mbaid_ros.core.robot.model import Link, PlaneDetector
-from mbaid_ros.core.robot.momentum import (
-    KnownErrors,
-    MomentumKernel,
-    body_sizes,
-    physical,
-    pseudo_inertia,
-    unknown_scale,
-)
+from mbaid_ros.core.robot.momentum import KnownErrors, MomentumKernel, unknown_scale
 from mbaid_ros.core.state import BODY, UnknownsPrior, Variables, in_plane_map
 from mbaid_ros.errors import ModelError
 

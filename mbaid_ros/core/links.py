@@ -13,17 +13,9 @@ from scipy.linalg import block_diag
 from mbaid_ros.core.contracts import Convention, NominalModel, Unknown, Words
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.repair import Repair, Setting, numbers, widened
+from mbaid_ros.core.robot.body import body_length, body_sizes, physical, physical_jacobian
 from mbaid_ros.core.robot.model import Link, PlaneDetector, RobotModel, express
-from mbaid_ros.core.robot.momentum import (
-    BodyStates,
-    KnownErrors,
-    MomentumKernel,
-    body_length,
-    body_sizes,
-    physical,
-    physical_jacobian,
-    regressor,
-)
+from mbaid_ros.core.robot.momentum import BodyStates, KnownErrors, MomentumKernel, regressor
 from mbaid_ros.errors import ParameterError, listing
 from mbaid_ros.parameters import by_name, parameter
 

@@ -48,8 +48,9 @@ from mbaid_ros.core.results.verdict import (
     notes,
     with_reasons,
 )
+from mbaid_ros.core.robot.body import standard
 from mbaid_ros.core.robot.model import PlaneDetector
-from mbaid_ros.core.robot.momentum import MomentumKernel, momentum_change, standard
+from mbaid_ros.core.robot.momentum import MomentumKernel, momentum_change
 from mbaid_ros.core.samples import FEWEST, Samples, SensorNoise, with_rates
 from mbaid_ros.core.state import (
     BODY,

@@ -18,8 +18,9 @@ from scipy.linalg import block_diag
 from mbaid_ros.core.contracts import NominalModel, PlacedFrame, Sensor, Unknown, uncertain
 from mbaid_ros.core.geometry import Array, Flags, Integers
 from mbaid_ros.core.results.verdict import BASE_SENSORS
+from mbaid_ros.core.robot.body import body_sizes
 from mbaid_ros.core.robot.model import PlaneDetector
-from mbaid_ros.core.robot.momentum import MomentumKernel, body_sizes, unknown_scale
+from mbaid_ros.core.robot.momentum import MomentumKernel, unknown_scale
 from mbaid_ros.errors import DataError
 
 # Part of the largest standard deviation (all numbers in units of their own) up to which one is rounding.

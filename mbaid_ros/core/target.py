@@ -13,7 +13,8 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.links import BodyDeviations
 from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.results.estimate import Estimate, Event
-from mbaid_ros.core.robot.momentum import MomentumKernel, physical, physical_jacobian, standard
+from mbaid_ros.core.robot.body import physical, physical_jacobian, standard
+from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.state import BODY
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.parameters import parameter

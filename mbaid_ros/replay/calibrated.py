@@ -14,7 +14,8 @@ from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.contracts import underestimated_text
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.budget import BAND, PARAMETERS, rounded
-from mbaid_ros.core.results.identifiable import IDENTIFIABLE_STD, LARGEST_RESIDUAL, LENGTH
+from mbaid_ros.core.results.identifiable import IDENTIFIABLE_STD, LARGEST_RESIDUAL
+from mbaid_ros.core.robot.body import LENGTH
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.errors import listing
 from mbaid_ros.replay.one_bag import BagMotions

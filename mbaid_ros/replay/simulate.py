@@ -16,7 +16,7 @@ from mbaid_ros.cli import one_line
 from mbaid_ros.config.motion_files import read_trajectory
 from mbaid_ros.config.parameter_files import given_parameters, read_robot_description
 from mbaid_ros.config.simulator_parameters import SimulatorConfig
-from mbaid_ros.core.robot.momentum import physical
+from mbaid_ros.core.robot.body import physical
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.files import write_text
 from mbaid_ros.parameters import build, values_of

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.robot.body import pseudo_inertia
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.robot.momentum import pseudo_inertia
 from mbaid_ros.errors import listing
 
 # An inertia counts as impossible if its smallest principal second moment is below zero by this part of the largest:

@@ -34,8 +34,9 @@ from mbaid_ros.core.odometry.model import marker_frame, odometry_mount
 from mbaid_ros.core.odometry.stream import AttachedFrame
 from mbaid_ros.core.passive.model import joints_carrying_target, springs
 from mbaid_ros.core.results.estimate import CapturePhase, Estimate
+from mbaid_ros.core.robot.body import body_sizes
 from mbaid_ros.core.robot.model import Link, RobotModel, load_model
-from mbaid_ros.core.robot.momentum import KnownErrors, MomentumKernel, body_sizes
+from mbaid_ros.core.robot.momentum import KnownErrors, MomentumKernel
 from mbaid_ros.core.robot.urdf import captured_stderr
 from mbaid_ros.core.state import Declared, UnknownsPrior
 from mbaid_ros.core.target import Debris, debris, described_prior

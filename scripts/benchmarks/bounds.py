@@ -18,8 +18,8 @@ from mbaid_ros.core.difference.weighted import Subspace, subspace, window_rows
 from mbaid_ros.core.filter.linearise import predict
 from mbaid_ros.core.geometry import Array, Flags, cross
 from mbaid_ros.core.joints.model import joint_gains
+from mbaid_ros.core.robot.body import physical_jacobian
 from mbaid_ros.core.robot.model import PlaneDetector
-from mbaid_ros.core.robot.momentum import physical_jacobian
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.state import POSE, Layout
 from mbaid_ros.core.windows import ANGULAR_FIRST, Midpoints

@@ -16,8 +16,9 @@ from mbaid_ros.config.simulator_parameters import SimulatorConfig
 from mbaid_ros.core.geometry import Array, rotate, rotation_from_quaternion
 from mbaid_ros.core.pipeline import Synchroniser
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.momentum import MomentumKernel, physical
+from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
 from mbaid_ros.parameters import build
 from mbaid_ros.sensor_messages import Joints, Poses, Thrust, in_order, joints_of, poses_of

@@ -7,8 +7,8 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, exp, quaternion_from_rotation, rotate_back, rotation_from_quaternion
 from mbaid_ros.core.orbit import Orbit
+from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.motion import Driven
 from mbaid_ros.simulation.simulation import Truth

@@ -9,8 +9,9 @@ from scipy.ndimage import gaussian_filter1d
 from mbaid_ros.core.geometry import Array, exp, quaternion_from_rotation, rotate, rotate_back, rotation_from_quaternion
 from mbaid_ros.core.links import BodyDeviations
 from mbaid_ros.core.orbit import Orbit
+from mbaid_ros.core.robot.body import are_physical
 from mbaid_ros.core.robot.model import express, load_model
-from mbaid_ros.core.robot.momentum import MomentumKernel, are_physical, inverse_inertia_and_momentum
+from mbaid_ros.core.robot.momentum import MomentumKernel, inverse_inertia_and_momentum
 from mbaid_ros.recordings.recording import Recording
 
 NAMES = ('base_link', 'array_port', 'array_starboard')

@@ -35,8 +35,8 @@ from mbaid_ros.core.links import KnownBodies, declared_errors, relative_factor
 from mbaid_ros.core.odometry.model import OdometryMount
 from mbaid_ros.core.pipeline import Identifier
 from mbaid_ros.core.results.budget import PARAMETERS
+from mbaid_ros.core.robot.body import body_sizes, physical_jacobian
 from mbaid_ros.core.robot.model import PlaneDetector
-from mbaid_ros.core.robot.momentum import body_sizes, physical_jacobian
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.state import BODY, MOMENTUM, layout_of, variables
 from mbaid_ros.core.streams import Windows

@@ -17,8 +17,9 @@ from mbaid_ros.config.estimator_parameters import EXACT
 from mbaid_ros.core.forces import DisturbanceModel, disturbances
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.links import BodyDeviations
+from mbaid_ros.core.robot.body import is_physical
 from mbaid_ros.core.robot.model import PlaneDetector, RobotModel, load_model
-from mbaid_ros.core.robot.momentum import MomentumKernel, is_physical
+from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.state import BODY, Declared
 from mbaid_ros.core.target import KnownTarget
 from mbaid_ros.session import methods

@@ -16,7 +16,7 @@ from checked import answer, same, some
 from mbaid_ros.core.capture import BEFORE, CaptureEstimator
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.momentum import physical
+from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.target import debris
 from mbaid_ros.replay.arguments import export, replay

@@ -18,8 +18,8 @@ from mbaid_ros.core.forces import DisturbanceModel, disturbances
 from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.orbit import Orbit
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.parameters import build
 from mbaid_ros.session.session import Session

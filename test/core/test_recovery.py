@@ -16,8 +16,9 @@ from mbaid_ros.core.gyro import GyroErrors, gyro
 from mbaid_ros.core.links import independent_errors, known_bodies
 from mbaid_ros.core.odometry.model import OdometryMount
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.robot.model import PlaneDetector
-from mbaid_ros.core.robot.momentum import MomentumKernel, physical
+from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.state import BODY, Declared, Layout, UnknownsPrior, variables
 from mbaid_ros.core.target import TargetPrior

@@ -17,7 +17,7 @@ from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.method import FIRST_ESTIMATE
 from mbaid_ros.core.outliers import OUTLIER, REPEATED_POSE
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.momentum import physical
+from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.samples import stamp_of
 from mbaid_ros.parameters import build
 from mbaid_ros.session.explanation import intake_warnings

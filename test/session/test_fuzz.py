@@ -18,7 +18,7 @@ import defects
 from checked import same
 from defects import JOINTS, ODOMETRY, Arrival, arrivals, estimates
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.momentum import physical
+from mbaid_ros.core.robot.body import physical
 from recorded import header, of
 from simulated import robot
 

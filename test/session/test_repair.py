@@ -19,8 +19,8 @@ from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.repair import Conversion, Repair
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.parameters import build, values_of
 from mbaid_ros.sensor_messages import in_order

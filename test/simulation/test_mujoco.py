@@ -10,8 +10,9 @@ import pytest
 from benchmarks.in_mujoco import InMuJoCo
 from floating import true_momentum
 from mbaid_ros.core.geometry import Array, cross, exp, rotate, rotation_from_quaternion, vec
+from mbaid_ros.core.robot.body import physical, standard
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.momentum import MomentumKernel, physical, standard
+from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.environment import BodyPoses, Environment, GravityGradient

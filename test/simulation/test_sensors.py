@@ -11,7 +11,8 @@ from benchmarks.honesty.paths import servicer
 from benchmarks.precapture import free_model
 from mbaid_ros.core.forces import Thrust
 from mbaid_ros.core.geometry import Array, log, rotation_from_quaternion
-from mbaid_ros.core.robot.momentum import MomentumKernel, physical
+from mbaid_ros.core.robot.body import physical
+from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.simulation.changes import CaptureSimulation, Pulse, Target, ThrustSimulation
 from mbaid_ros.simulation.dynamics import State

@@ -17,10 +17,10 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags, bracket, cross, rotate_back, skew
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.identifiable import LENGTH
 from mbaid_ros.core.results.verdict import status_of
+from mbaid_ros.core.robot.body import LENGTH, standard
 from mbaid_ros.core.robot.model import PlaneDetector
-from mbaid_ros.core.robot.momentum import BodyStates, MomentumKernel, standard
+from mbaid_ros.core.robot.momentum import BodyStates, MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.tasks import Method

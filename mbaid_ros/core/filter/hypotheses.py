@@ -14,8 +14,9 @@ from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.filter.time_update import advance, at_window_start, momentum_inflation, pose_reset
 from mbaid_ros.core.geometry import Array, chi_square_limit
 from mbaid_ros.core.gyro import angular_momentum
-from mbaid_ros.core.results.identifiable import IMPOSSIBLE, Nonlinearity, project
-from mbaid_ros.core.robot.momentum import is_physical, physical_shift, unknown_scale
+from mbaid_ros.core.results.identifiable import IMPOSSIBLE, Nonlinearity
+from mbaid_ros.core.robot.body import is_physical, physical_shift, project
+from mbaid_ros.core.robot.momentum import unknown_scale
 from mbaid_ros.core.state import BODY, BODY_PLACES, LINEAR, MOMENTUM, Layout, Point, Variables, trust_region
 from mbaid_ros.core.windows import Window
 from mbaid_ros.tasks import Work

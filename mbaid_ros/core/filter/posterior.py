@@ -19,7 +19,7 @@ from mbaid_ros.core.joints.model import InformationCorrection
 from mbaid_ros.core.results.budget import SENSOR_NOISE, DeferredBudget, ErrorBudget
 from mbaid_ros.core.results.identifiable import LARGEST_SHIFT
 from mbaid_ros.core.results.verdict import Distance
-from mbaid_ros.core.robot.momentum import physical_jacobian
+from mbaid_ros.core.robot.body import physical_jacobian
 from mbaid_ros.core.samples import FEWEST, Samples, SensorNoise, with_rates
 from mbaid_ros.core.state import BODY, BODY_PLACES, LINEAR, MOMENTUM, Declared, Layout, Point, Variables
 from mbaid_ros.core.windows import WindowNoise, window_noises

@@ -26,7 +26,7 @@ from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.passive.model import resolved_frequencies
 from mbaid_ros.core.results.identifiable import Nonlinearity
 from mbaid_ros.core.results.verdict import LARGEST_NIS
-from mbaid_ros.core.robot.momentum import body_sizes
+from mbaid_ros.core.robot.body import body_sizes
 from mbaid_ros.core.state import BODY, BODY_PLACES, Layout, Point, Variables, trust_region
 from mbaid_ros.core.windows import Window
 from mbaid_ros.tasks import AT_ONCE, Kind, Tasks, outcome_or_none

@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, Integers, chi_square_limit
+from mbaid_ros.core.geometry import Array, Flags, Integers, chi_square_limit
 from mbaid_ros.core.repair import Repair, Setting
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Status
 
@@ -54,6 +54,11 @@ def status_of(*, determined: bool, precise: bool) -> Status:
     if not determined:
         return 'not_identifiable'
     return 'converged' if precise else 'estimating'
+
+
+def is_precise(relative_std: Array, identifiable: Flags, limit: float) -> bool:
+    """Return whether each identifiable parameter (10,) has a relative standard deviation (10,) below a limit."""
+    return bool(np.all((relative_std < limit) | ~identifiable))
 
 
 def with_reasons(estimate: Estimate, reasons: Sequence[Reason]) -> Estimate:

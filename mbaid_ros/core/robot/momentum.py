@@ -8,86 +8,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, Flags, bracket, cross, is_positive, rotate, rotate_back, skew, unvec, vec
+from mbaid_ros.core.geometry import Array, bracket, cross, rotate, rotate_back, skew, unvec
 from mbaid_ros.core.robot.model import Configuration, Kinematics, Link, RobotModel, displaced, express
 from mbaid_ros.core.samples import Index, Samples
 
-# d vec(I)/dr of the Steiner term is assembled from these: E_k = d[r]x / dr_k.
-_GENERATORS = skew(np.eye(3))
-_IDENTITY = np.eye(10)
-_COM = np.arange(1, 4)
 THRUSTER_ERRORS = 5  # errors of a thruster: scale, turn about three axes, delay
-
-
-def physical(standard: Array) -> Array:
-    """Return (m, r_c, I_c) (..., 10), CoM in the link frame, inertia about it in link axes, of (m, h, I_o) (..., 10).
-
-    kg, m, kg m^2 from kg, kg m, kg m^2; NaN where the mass is zero.
-    """
-    mass = standard[..., :1]
-    with np.errstate(divide='ignore', invalid='ignore'):
-        com = np.where(mass != 0.0, standard[..., 1:4] / mass, np.nan)
-    lever = skew(com)
-    # I_c = I_o + m [r_c]x [r_c]x
-    about_com = standard[..., 4:] + mass * vec(lever @ lever)
-    return np.concatenate((mass, com, about_com), axis=-1)
-
-
-def standard(physical_parameters: Array) -> Array:
-    """Return (m, h, I_o) of (m, r_c, I_c); the inverse of `physical`."""
-    mass, com = physical_parameters[..., :1], physical_parameters[..., 1:4]
-    lever = skew(com)
-    return np.concatenate((mass, mass * com, physical_parameters[..., 4:] - mass * vec(lever @ lever)), axis=-1)
-
-
-def physical_jacobian(standard_parameters: Array) -> Array:
-    """Return d(m, r_c, I_c) / d(m, h, I_o), (..., 10, 10), at (..., 10) standard parameters; NaN for a zero mass."""
-    mass = standard_parameters[..., :1]
-    with np.errstate(divide='ignore', invalid='ignore'):
-        inverse = np.where(mass != 0.0, 1.0 / mass, np.nan)
-    com = standard_parameters[..., 1:4] * inverse
-    lever = skew(com)
-    jacobian = np.zeros((*standard_parameters.shape, 10))
-    jacobian[..., :, :] = _IDENTITY
-    jacobian[..., 1:4, 0] = -com * inverse
-    jacobian[..., _COM, _COM] = inverse
-    # I_c = I_o + [h]x[h]x / m, so dI_c = ([dh]x[c]x + [c]x[dh]x) - dm [c]x[c]x
-    jacobian[..., 4:, 0] = -vec(lever @ lever)
-    lever = lever[..., None, :, :]
-    jacobian[..., 4:, 1:4] = np.swapaxes(vec(_GENERATORS @ lever + lever @ _GENERATORS), -1, -2)
-    return jacobian
-
-
-def physical_shift(body: Array, step: Array, shift: Array) -> Array:
-    """Return a shift (10,) of standard parameters as that of mass, CoM and inertia is, linearised a step away.
-
-    The moment about a distant point is of second order in the CoM; that about the CoM need not be.
-    """
-    there = body + step
-    moved = physical(there) + physical_jacobian(there) @ (shift - step) - physical(body)
-    return np.asarray(np.linalg.solve(physical_jacobian(body), moved))
-
-
-def pseudo_inertia(standard_parameters: Array) -> Array:
-    """Return the (..., 4, 4) pseudo-inertia [[tr(I_o)/2 1 - I_o, h], [h^T, m]], positive definite for a real body."""
-    inertia = unvec(standard_parameters[..., 4:])
-    matrix = np.empty((*standard_parameters.shape[:-1], 4, 4))
-    matrix[..., :3, :3] = 0.5 * np.trace(inertia, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - inertia
-    matrix[..., :3, 3] = matrix[..., 3, :3] = standard_parameters[..., 1:4]
-    matrix[..., 3, 3] = standard_parameters[..., 0]
-    return matrix
-
-
-def is_physical(standard_parameters: Array) -> bool:
-    """Return whether (10,) standard parameters (m, h, I_o) belong to a real body."""
-    return bool(are_physical(standard_parameters[None])[0])
-
-
-def are_physical(standard_parameters: Array) -> Flags:
-    """Return which of (N, 10) standard parameters belong to a real body."""
-    finite = np.all(np.isfinite(standard_parameters), axis=1)
-    matrices = pseudo_inertia(np.where(finite[:, None], standard_parameters, 0.0))
-    return np.array([is_positive(each) for each in matrices])
 
 
 def momentum(parameters: Array, twist: Array) -> Array:
@@ -139,21 +64,6 @@ def regressor(rotation: Array, position: Array, twist: Array) -> Array:
     matrix[..., 3:, 1:4] = skew(position) @ first - skew(velocity) @ rotation
     matrix[..., 3:, 4:] = rotation @ bracket(rotate_back(rotation, angular))
     return matrix
-
-
-def body_sizes(parameters: Array) -> Array:
-    """Return the reference sizes of relative errors of a body's (10,) standard parameters.
-
-    The mass; the mass times the larger of CoM distance and radius of gyration; the mean moment of inertia.
-    """
-    mass, mean = parameters[0], float(parameters[[4, 7, 9]].sum()) / 3.0
-    return np.concatenate(([mass], np.full(3, mass * body_length(parameters)), np.full(6, mean)))
-
-
-def body_length(parameters: Array) -> float:
-    """Return the larger of a body's distance of the CoM from its frame and radius of gyration about that, m."""
-    gyration = np.sqrt(max(float(parameters[[4, 7, 9]].sum()) / 3.0 / parameters[0], 0.0))
-    return max(float(np.linalg.norm(physical(parameters)[1:4])), float(gyration))
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,8 +19,8 @@ from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.method import FIRST_ESTIMATE
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.errors import MbaidError
 from mbaid_ros.parameters import build

@@ -10,8 +10,9 @@ import numpy as np
 from benchmarks.data import JOINTS, ODOMETRY
 from mbaid_ros.bags import BagReader
 from mbaid_ros.core.geometry import Array, rotate, rotation_from_quaternion, skew
+from mbaid_ros.core.robot.body import physical, physical_jacobian
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.momentum import MomentumKernel, physical, physical_jacobian, unknown_scale
+from mbaid_ros.core.robot.momentum import MomentumKernel, unknown_scale
 from mbaid_ros.core.samples import Samples, SensorNoise
 
 

@@ -12,8 +12,9 @@ from scipy.stats import chi2
 from floating import float_freely, pushing
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate
+from mbaid_ros.core.robot.body import body_sizes, is_physical, standard
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.momentum import MomentumKernel, body_sizes, is_physical, standard
+from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.session import methods

@@ -15,7 +15,8 @@ from mbaid_ros.core.geometry import Array, cross, exp
 from mbaid_ros.core.joints.model import joint_placements
 from mbaid_ros.core.links import known_bodies
 from mbaid_ros.core.odometry.model import odometry_mount
-from mbaid_ros.core.robot.momentum import BodyStates, KnownErrors, MomentumKernel, physical, standard
+from mbaid_ros.core.robot.body import physical, standard
+from mbaid_ros.core.robot.momentum import BodyStates, KnownErrors, MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.state import UnknownsPrior
 from mbaid_ros.simulation.simulation import Truth

@@ -18,7 +18,7 @@ from mbaid_ros.core.difference.paper import (
 )
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.momentum import physical
+from mbaid_ros.core.robot.body import physical
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.simulation.simulation import Truth, total_momentum
 from observed import MID, kernel, observe, windows

@@ -15,8 +15,9 @@ from mbaid_ros.core.filter.posterior import MeanAndCovariance, error_budget
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.results.budget import SENSOR_NOISE
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.body import physical, physical_jacobian
 from mbaid_ros.core.robot.model import PlaneDetector, load_model
-from mbaid_ros.core.robot.momentum import MomentumKernel, physical, physical_jacobian
+from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.state import BODY, Declared, Layout, Variables, variables
 from mbaid_ros.core.target import TargetPrior

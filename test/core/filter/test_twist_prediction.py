@@ -12,8 +12,9 @@ from mbaid_ros.core.filter.linearise import predict
 from mbaid_ros.core.geometry import Array, cross, exp, log, skew
 from mbaid_ros.core.joints.model import gains_by_unknowns, joint_gains
 from mbaid_ros.core.links import known_bodies
+from mbaid_ros.core.robot.body import standard
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.momentum import KnownErrors, MomentumKernel, about_points, standard, summed_over_bodies
+from mbaid_ros.core.robot.momentum import KnownErrors, MomentumKernel, about_points, summed_over_bodies
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.state import Layout, trust_region
 from mbaid_ros.core.wheels import spin_inertias

@@ -19,9 +19,9 @@ from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.geometry import Array, Flags, unvec
 from mbaid_ros.core.results.budget import PARAMETERS, SENSOR_NOISE, DeferredBudget, ErrorBudget, rounded
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.identifiable import Nonlinearity, inertia_ratios
-from mbaid_ros.core.robot.momentum import physical, physical_jacobian, physical_shift
-from mbaid_ros.core.robot.momentum import standard as standard_of
+from mbaid_ros.core.results.identifiable import Nonlinearity
+from mbaid_ros.core.robot.body import inertia_ratios, physical, physical_jacobian, physical_shift
+from mbaid_ros.core.robot.body import standard as standard_of
 from mbaid_ros.parameters import build
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.json_output import as_json

@@ -12,7 +12,7 @@ from made_runs import STD, estimate
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Event, PassiveJoint, Thruster, determined
 from mbaid_ros.core.results.verdict import Cause, Verdict
-from mbaid_ros.core.robot.momentum import standard
+from mbaid_ros.core.robot.body import standard
 from mbaid_ros.core.target import Debris, DebrisPublication, changed_by, debris
 
 

@@ -11,8 +11,8 @@ import pytest
 
 from mbaid_ros.core.geometry import Array, vec
 from mbaid_ros.core.links import independent_errors
+from mbaid_ros.core.robot.body import are_physical, is_physical, standard
 from mbaid_ros.core.robot.model import RobotModel, displaced, load_model, parse
-from mbaid_ros.core.robot.momentum import are_physical, is_physical, standard
 from mbaid_ros.core.robot.urdf import Mimic, transmission
 from mbaid_ros.errors import ModelError
 from mbaid_ros.simulation.true_robot import ErrorStds, draw, generator, with_bodies

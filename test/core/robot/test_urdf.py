@@ -7,8 +7,8 @@ import re
 import numpy as np
 import pytest
 
+from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.robot.model import load_model, parse, replace_inertial
-from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.core.robot.urdf import Inertial, read_description
 from mbaid_ros.errors import MbaidError, ModelError
 from mbaid_ros.limits import LINKS, URDF_CHARACTERS
