@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.results.budget import PARAMETERS
+from mbaid_ros.core.interval import PARAMETERS
 from mbaid_ros.core.results.estimate import Estimate, Event, is_usable
 from mbaid_ros.core.target import Debris, DebrisPublication
 from mbaid_ros.joint_trajectory import JointTrajectory

@@ -10,8 +10,8 @@ from benchmarks.data import NOISE, RATE, kernel, last_state, sampled, target
 from benchmarks.frame import Frame, Runs, declared, number
 from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion
+from mbaid_ros.core.interval import BAND
 from mbaid_ros.core.pipeline import Estimator
-from mbaid_ros.core.results.budget import BAND
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.momentum import MomentumKernel

@@ -19,8 +19,8 @@ from mbaid_ros import identify
 from mbaid_ros.bags import BagReader
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.config.parameter_files import load_parameter_file
+from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.robot.model import load_model
-from mbaid_ros.core.robot.momentum import physical
 from mbaid_ros.parameters import build
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.json_output import as_json

@@ -15,13 +15,15 @@ from rosbags.rosbag2 import ReaderError
 from mbaid_ros import limits
 from mbaid_ros.bags.chunks import MCAP_MAGIC
 from mbaid_ros.bags.compression import unpack_file
-from mbaid_ros.bags.sources import DAMAGE, IndexedSource, SalvagedSource, Source
+from mbaid_ros.bags.salvage import SalvagedSource
+from mbaid_ros.bags.sources import DAMAGE, IndexedSource
 from mbaid_ros.bags.writer import parse_yaml
 from mbaid_ros.errors import DataError
 from mbaid_ros.files import require_regular
 
 BAG_FILES = ('.mcap', '.db3', '.mcap.zstd', '.db3.zstd', '.mcap.zst', '.db3.zst')
 ROS1_MAGIC = b'#ROSBAG V2.0'
+Source = IndexedSource | SalvagedSource  # one file; `left_out` counts messages of another type by topic
 
 
 def reason_of(error: Exception) -> str:

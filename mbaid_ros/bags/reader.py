@@ -18,8 +18,8 @@ from rosbags.typesys.store import Typestore
 from mbaid_ros import limits
 from mbaid_ros.bags.chunks import Batch, Block, Raw, Timed, in_blocks
 from mbaid_ros.bags.compression import is_compressed, unpacked
-from mbaid_ros.bags.opening import files_of, open_file, reason_of, unread_log
-from mbaid_ros.bags.sources import DAMAGE, Source, Topic, by_name
+from mbaid_ros.bags.opening import Source, files_of, open_file, reason_of, unread_log
+from mbaid_ros.bags.sources import DAMAGE, Topic, by_name
 from mbaid_ros.bags.types import ADDED, defined, is_standard, message_types, other_encapsulation
 from mbaid_ros.core.samples import Stamps
 from mbaid_ros.errors import DataError, listing

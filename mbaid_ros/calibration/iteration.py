@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbaid_ros.core.contracts import UNDISTURBED, in_stacks
+from mbaid_ros.core.filter.gauss_newton import is_converged, reverses
 from mbaid_ros.core.filter.gaussian import SquareRootInformation, update
-from mbaid_ros.core.filter.hypotheses import is_converged, reverses
 from mbaid_ros.core.filter.linearise import LinearisationCache, WhitenedWindow
 from mbaid_ros.core.filter.time_update import advance, at_window_start, new_motion
 from mbaid_ros.core.geometry import Array

@@ -12,6 +12,7 @@ from scipy.linalg import block_diag
 
 from mbaid_ros.core.contracts import Convention, NominalModel, Unknown, Words
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.interval import BAND
 from mbaid_ros.core.repair import Repair, Setting, numbers, widened
 from mbaid_ros.core.robot.body import body_length, body_sizes, physical, physical_jacobian
 from mbaid_ros.core.robot.model import Link, PlaneDetector, RobotModel, express
@@ -193,7 +194,7 @@ class KnownBodies(Unknown):
                 parameters[f'known_links.{name}.{part}'] = wider
         heavier = 'heavier' if value[0] > 0.0 else 'lighter'
         moved = float(np.linalg.norm((after - before)[1:4]))
-        text = f'link {name} is {abs(value[0]):.3g} ± {1.96 * std[0]:.2g} kg {heavier}, its centre of mass'
+        text = f'link {name} is {abs(value[0]):.3g} ± {BAND * std[0]:.2g} kg {heavier}, its centre of mass'
         return Repair(
             f'{text} {1e3 * moved:.3g} mm off', parameters, value=numbers(value[:1]), std=float(std[0]), unit='kg'
         )

@@ -9,11 +9,11 @@ from typing import Literal
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags, quaternion_from_rotation, rotation_from_quaternion
+from mbaid_ros.core.interval import BAND
 from mbaid_ros.core.samples import BaseStream, JointStream, Stamps
 
 Setting = bool | float | str | tuple[float, ...] | tuple[str, ...]  # the value of a parameter
 PoseMeaning = Literal['as read', 'inverse', 'w first', 'millimetres']
-_QUANTILE = 1.96  # standard deviations of a 95 % interval
 _MARGIN = 1.5  # times the size found, that a declared standard deviation is at least
 _STEPS = np.array([1.0, 2.0, 5.0, 10.0])  # of declared standard deviations in a decade: round numbers
 _MILLIMETRE = 1e-3  # m
@@ -168,7 +168,7 @@ def with_band(value: Array, std: Array, scale: float = 1.0) -> str:
     """Return a size with its 95 % interval: that of one number with its sign, that of several the length."""
     size = float(value[0]) if len(value) == 1 else float(np.linalg.norm(value))
     along = np.abs(value) / max(float(np.linalg.norm(value)), 1e-300)
-    band = _QUANTILE * float(np.linalg.norm(along * std))
+    band = BAND * float(np.linalg.norm(along * std))
     sign = '+' if len(value) == 1 else ''
     return f'{scale * size:{sign}.3g} ± {scale * band:.2g}'
 

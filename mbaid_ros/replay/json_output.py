@@ -16,8 +16,8 @@ import yaml
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.interval import PARAMETERS
 from mbaid_ros.core.repair import Repair
-from mbaid_ros.core.results.budget import PARAMETERS
 from mbaid_ros.core.results.estimate import PassiveJoint
 from mbaid_ros.core.results.noise_levels import CHANNELS, NoiseLevels
 from mbaid_ros.core.target import Debris

@@ -14,7 +14,7 @@ import numpy as np
 from mbaid_ros import limits
 from mbaid_ros.bags import BagReader
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.budget import PARAMETERS
+from mbaid_ros.core.interval import PARAMETERS
 from mbaid_ros.core.results.estimate import contradiction
 from mbaid_ros.errors import DataError, ParameterError, listing
 from mbaid_ros.estimate_messages import parameters_of

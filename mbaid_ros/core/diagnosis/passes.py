@@ -10,8 +10,9 @@ from typing import TypeVar
 import numpy as np
 
 from mbaid_ros.core.contracts import Convention, Hypothesis, Stack, in_stacks, stacked
+from mbaid_ros.core.filter.gauss_newton import BatchIteration
 from mbaid_ros.core.filter.gaussian import SquareRootInformation, update
-from mbaid_ros.core.filter.hypotheses import BatchIteration, HypothesisFilter, WhitenedWindows, rare_event_likelihood
+from mbaid_ros.core.filter.hypotheses import HypothesisFilter, WhitenedWindows, rare_event_likelihood
 from mbaid_ros.core.filter.linearise import LinearisationCache
 from mbaid_ros.core.filter.posterior import MeanAndCovariance, PriorComparison
 from mbaid_ros.core.filter.time_update import pose_reset, with_process_noise

@@ -9,17 +9,9 @@ from enum import Enum, auto
 import numpy as np
 
 from mbaid_ros.core.contracts import Hypothesis, in_stacks
+from mbaid_ros.core.filter.gauss_newton import HOPELESS, BatchIteration, MultiStart, Start
 from mbaid_ros.core.filter.gaussian import SquareRootInformation
-from mbaid_ros.core.filter.hypotheses import (
-    HOPELESS,
-    Bank,
-    BatchIteration,
-    HypothesisFilter,
-    MultiStart,
-    Start,
-    leader,
-    update_bank,
-)
+from mbaid_ros.core.filter.hypotheses import Bank, HypothesisFilter, leader, update_bank
 from mbaid_ros.core.filter.linearise import LinearisationCache
 from mbaid_ros.core.filter.posterior import MeanAndCovariance, VarianceComponents
 from mbaid_ros.core.geometry import Array, Flags

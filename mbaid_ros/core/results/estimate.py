@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.interval import BAND
 from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.results.budget import ErrorBudget
 from mbaid_ros.core.results.noise_levels import NoiseLevels
@@ -183,8 +184,8 @@ class PassiveJoint:
     def __str__(self) -> str:
         """Return it with 95 % intervals."""
         return (
-            f'{self.joint} swings at {self.frequency:.5g} ± {1.96 * self.frequency_std:.2g} Hz with a damping ratio of '
-            f'{self.damping:.2g} ± {1.96 * self.damping_std:.1g}{"" if self.resolved else " (as declared)"}'
+            f'{self.joint} swings at {self.frequency:.5g} ± {BAND * self.frequency_std:.2g} Hz with a damping ratio of '
+            f'{self.damping:.2g} ± {BAND * self.damping_std:.1g}{"" if self.resolved else " (as declared)"}'
         ) + ('' if np.isnan(self.deflection) else f', by up to {self.deflection:.2g} rad (m)')
 
 

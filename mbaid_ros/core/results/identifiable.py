@@ -8,10 +8,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, Flags, chi_square_limit, skew
-from mbaid_ros.core.results.budget import PARAMETERS
+from mbaid_ros.core.geometry import Array, Flags, skew
+from mbaid_ros.core.interval import PARAMETERS
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.verdict import Reason, Severity, is_precise, status_of, with_reasons
+from mbaid_ros.core.results.verdict import (
+    Reason,
+    implausible_body,
+    is_precise,
+    residual_reason,
+    status_of,
+    with_reasons,
+)
 from mbaid_ros.core.robot.body import (
     LENGTH,
     body_size,
@@ -23,8 +30,6 @@ from mbaid_ros.core.robot.body import (
 )
 from mbaid_ros.core.robot.model import Plane
 
-# Standard deviations of an estimate from the nearest real body, from which it is of none.
-IMPOSSIBLE = 4.0
 # Standard deviations that a solution may move by: a bias of half of one costs a 95 % interval three of its
 # hundredths. Of equations that are near linear it moves by some hundredths, where the mass is known to a seventh by
 # up to .4, where products of unknowns lead by .5 to 1.2.
@@ -33,9 +38,6 @@ LARGEST_SHIFT = 0.5
 # number at first order. One that only the product with another unknown shows is known as much better as that is further
 # from zero: on a planar arm it moves by up to thirty, and its variances have ratios up to nine.
 _ALIKE, _NEAR = 1.6, 1.0
-# Standard deviations of an estimate from the nearest real body, from which a warning reports it.
-_LARGE_CORRECTION = 3.0
-_BY_CHANCE = 1e-6  # chance that so few equations leave as large a residual: asked once a window while a run is short
 # Indices of I_ii and I_jj for each of the six elements of inertia.
 _FIRST = np.array([4, 4, 4, 7, 7, 9])
 _SECOND = np.array([4, 7, 9, 7, 9, 9])
@@ -172,7 +174,6 @@ class Reporting:
         self, identifiable: Flags, linear: Flags, residual: float, correction: float, solution: Solution
     ) -> Iterator[Reason]:
         """Yield the findings of a solution by itself; contradictions count only if parameters are known."""
-        serious: Severity = 'contradiction' if identifiable.any() else 'note'
         if solution.plane is not None:
             yield Reason('planar motion: only mass, CoM in the plane and moment about its normal are observable')
         elif not identifiable.all():
@@ -181,14 +182,9 @@ class Reporting:
             remedy = '' if linear[0] else '; known_links.total_mass helps: weigh the robot'
             yield Reason(f'observable only at second order: {_names(~linear)}{remedy}')
         if residual > self.largest_residual:
-            text = f'residuals are {residual:.1f} times as large as the noise parameters explain'
-            # Few equations leave large residuals by chance.
-            square = residual**2 * solution.redundancy
-            large = solution.redundancy > 0 and square > chi_square_limit(_BY_CHANCE, solution.redundancy)
-            yield Reason(text, serious if large else 'note')
-        if correction > _LARGE_CORRECTION and identifiable.any():
-            text = f'the estimate was {correction:.1f} standard deviations away from any real body'
-            yield Reason(text, serious if correction > IMPOSSIBLE else 'note')
+            yield residual_reason(residual, solution.redundancy, determined=bool(identifiable.any()))
+        if identifiable.any():
+            yield from implausible_body(correction)
 
 
 def _names(which: Flags) -> str:

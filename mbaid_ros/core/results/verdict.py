@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal, NamedTuple
@@ -27,6 +27,9 @@ _LARGEST_CORRELATION = 0.25
 # A declaration is wrong where the data see a thing farther off than chance allows, both as declared and at twice that;
 # from the third chance on it is a cause, if anything is wrong.
 _NEVER, _NOT_TWICE, _RARELY = 1e-7, 1e-4, 1e-5
+# Standard deviations of an estimate from the nearest real body, of none from the first, with a warning from the second.
+IMPOSSIBLE, _LARGE_CORRECTION = 4.0, 3.0
+_BY_CHANCE = 1e-6  # chance that so few equations leave as large a residual: asked once a window while a run is short
 MOST_JUMPS = 3  # of the momentum: from more on the model is wrong rather than the run unlucky
 
 
@@ -59,6 +62,26 @@ def status_of(*, determined: bool, precise: bool) -> Status:
 def is_precise(relative_std: Array, identifiable: Flags, limit: float) -> bool:
     """Return whether each identifiable parameter (10,) has a relative standard deviation (10,) below a limit."""
     return bool(np.all((relative_std < limit) | ~identifiable))
+
+
+def residual_reason(residual: float, redundancy: int, *, determined: bool) -> Reason:
+    """Return the finding of residuals (RMS, normalised) that are too large: a contradiction if not by chance.
+
+    Parameters
+    ----------
+    redundancy : number of equations less that of unknowns: few leave large residuals by chance
+    determined : whether the data determine any parameter
+    """
+    text = f'residuals are {residual:.1f} times as large as the noise parameters explain'
+    large = redundancy > 0 and residual**2 * redundancy > chi_square_limit(_BY_CHANCE, redundancy)
+    return Reason(text, 'contradiction' if determined and large else 'note')
+
+
+def implausible_body(correction: float) -> Iterator[Reason]:
+    """Yield the finding of a solution that is so many standard deviations away from any real body."""
+    if correction > _LARGE_CORRECTION:
+        text = f'the estimate was {correction:.1f} standard deviations away from any real body'
+        yield Reason(text, 'contradiction' if correction > IMPOSSIBLE else 'note')
 
 
 def with_reasons(estimate: Estimate, reasons: Sequence[Reason]) -> Estimate:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import chdtri, ndtri
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.budget import PARAMETERS, UNITS
+from mbaid_ros.core.interval import PARAMETERS, UNITS
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.replay.json_output import plain, shaped, shaped_std
 

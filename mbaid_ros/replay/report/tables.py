@@ -8,7 +8,8 @@ import numpy as np
 
 from mbaid_ros.core.contracts import remedy_text
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.budget import PARAMETERS, SENSOR_NOISE, UNITS, ErrorBudget, percent, short
+from mbaid_ros.core.interval import PARAMETERS, UNITS
+from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget, percent, short
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.noise_levels import CHANNELS, NoiseLevels
 from mbaid_ros.core.results.noise_levels import UNITS as CHANNEL_UNITS

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from checked import generic
+from mbaid_ros.core.filter.gauss_newton import reverses
 from mbaid_ros.core.filter.gaussian import SquareRootInformation
-from mbaid_ros.core.filter.hypotheses import reverses
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.links import TotalMass, independent_errors, known_bodies
 from mbaid_ros.core.robot.model import PlaneDetector

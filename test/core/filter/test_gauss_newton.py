@@ -11,7 +11,8 @@ import pytest
 from checked import some
 from floating import make
 from mbaid_ros.core.contracts import UNDISTURBED, in_stacks
-from mbaid_ros.core.filter.hypotheses import BatchIteration, HypothesisFilter, MultiStart, Start
+from mbaid_ros.core.filter.gauss_newton import BatchIteration, MultiStart, Start
+from mbaid_ros.core.filter.hypotheses import HypothesisFilter
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.filter.run import FIRST, Phase, Run
 from mbaid_ros.core.geometry import Array
