@@ -152,6 +152,11 @@ class Unknown:
         """Of each independent number, the part of its cause that it is, where that may be mistaken by itself; or ''."""
         return ('',) * self.count
 
+    @cached_property
+    def directions(self) -> Mapping[str, Array]:
+        """By name, unit vectors (e,) in its independent numbers along which a whole cause may be mistaken."""
+        return {}
+
     def part(self, cause: str) -> Unknown:
         """Return its independent numbers that have most to do with a label alone."""
         return replace(self, factor=self.factor[:, np.array(self.causes) == cause])

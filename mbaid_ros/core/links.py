@@ -22,6 +22,7 @@ from mbaid_ros.parameters import by_name, parameter
 
 # Part of the largest variance (all parameters in units of their own deviation) up to which one is rounding.
 _NOTHING = 1e-14
+_ALONE = 0.999  # part of a direction in one number, from which it is that number
 _UNITS = (1e3, 1e-3)  # grams for kilograms, and the other way round
 _HEAVY = 0.01  # share of the robot's mass, from which a link's inertia matters
 _REACH = 10.0  # times the robot's size, that no link's radius of gyration reaches
@@ -150,6 +151,7 @@ class KnownBodies(Unknown):
     """Errors of the standard parameters (m, h, I_o) of b moving bodies, each in its own frame."""
 
     bodies: tuple[int, ...]  # (b,) indices
+    known: tuple[Array, ...] = ()  # (10,) standard parameters of each as described; empty: not known
 
     words: ClassVar = {
         'link': Words(
@@ -159,8 +161,23 @@ class KnownBodies(Unknown):
             _link_deviation,
         ),
         'mass': Words(parameter='known_links.relative_std'),
+        'density': Words(parameter='known_links.relative_std'),
     }
     calibrated = True
+
+    @cached_property
+    def directions(self) -> Mapping[str, Array]:
+        """By 'density:arm', the direction of a body that is heavier throughout, where that is no number by itself."""
+        found: dict[str, Array] = {}
+        for place, known in enumerate(self.known if self.factor.any() else ()):
+            rows = slice(10 * place, 10 * place + 10)
+            own = np.any(self.factor[rows] != 0.0, axis=0)
+            alone = not np.any(np.delete(self.factor, rows, axis=0)[:, own])
+            along = np.where(own, np.linalg.lstsq(self.factor[rows], known, rcond=1e-12)[0], 0.0)
+            size = np.linalg.norm(along)
+            if alone and size > 0.0 and np.max(np.abs(along)) < _ALONE * size:
+                found[f'density:{self.labels[10 * place].partition(":")[2]}'] = along / size
+        return found
 
     @cached_property
     def parts(self) -> tuple[str, ...]:
@@ -230,10 +247,11 @@ def masses(names: Sequence[str], factor: Array) -> tuple[str, ...]:
     return tuple(found)
 
 
-def known_bodies(model: RobotModel, errors: KnownErrors) -> KnownBodies:
-    """Return the errors of known bodies as an unknown."""
-    names = _names(model, errors.bodies)
-    return KnownBodies(errors.factor, tuple(f'link:{name}' for name in names for _ in range(10)), errors.bodies)
+def known_bodies(model: RobotModel, errors: KnownErrors, known: Array | None = None) -> KnownBodies:
+    """Return the errors of known bodies as an unknown; `known` (n + 1, 10) are the bodies as described."""
+    labels = tuple(f'link:{name}' for name in _names(model, errors.bodies) for _ in range(10))
+    described = () if known is None else tuple(known[list(errors.bodies)])
+    return KnownBodies(errors.factor, labels, errors.bodies, described)
 
 
 def _names(model: RobotModel, bodies: Sequence[int]) -> list[str]:

@@ -6,7 +6,7 @@ of their priors: first those that the prediction depends on, then those of the r
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -255,6 +255,18 @@ class Layout:
     def part_of(self) -> tuple[str, ...]:
         """The part of its cause that each of these numbers is by itself; empty where none."""
         return tuple(part for unknown in self.unknowns for part in unknown.parts)
+
+    @cached_property
+    def directions(self) -> Mapping[str, Array]:
+        """The unknowns' directions, unit vectors (e,) in all independent numbers."""
+        found: dict[str, Array] = {}
+        for unknown, place in zip(self.unknowns, self.places, strict=True):
+            for name, along in unknown.directions.items():
+                numbers: Array = np.zeros(len(self.cause_of))
+                numbers[place.start - BODY.stop : place.stop - BODY.stop] = along
+                numbers = numbers if self.known.independent else self.known.whitening @ numbers
+                found[name] = numbers / np.linalg.norm(numbers)
+        return found
 
     @cached_property
     def belongs(self) -> Array:

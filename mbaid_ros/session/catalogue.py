@@ -61,7 +61,7 @@ def unknowns(config: EstimatorConfig, kernel: MomentumKernel, sensors: Sequence[
     model, located = kernel.model, not config.imu.alone
     gyros = declared_gyros(config.imu, config.gyros)
     return uncertain(
-        known_bodies(model, kernel.errors),
+        known_bodies(model, kernel.errors, kernel.known),
         declared_placements(config.known_joints, kernel),
         declared_wheels(config.wheels, kernel),
         declared_thrusters(config.thrust, model),

@@ -100,6 +100,20 @@ def test_joint_placements(make: Robots, seed: int) -> None:
 
 @pytest.mark.parametrize('seed', SEEDS)
 @pytest.mark.parametrize('make', [spatial, planar])
+def test_directions_of_known_bodies_are_bodies_that_are_heavier_throughout(make: Robots, seed: int) -> None:
+    kernel = Case(make(seed), seed).kernel
+    unknown = known_bodies(kernel.model, kernel.errors, kernel.known)
+    assert len(unknown.directions) == len(unknown.bodies)
+    for place, along in enumerate(unknown.directions.values()):
+        change = (unknown.factor @ along).reshape(-1, 10)
+        known = kernel.known[unknown.bodies[place]]
+        assert np.linalg.norm(along) == pytest.approx(1.0)
+        assert np.allclose(change[place] * np.linalg.norm(known), np.linalg.norm(change[place]) * known)
+        assert not np.delete(change, place, axis=0).any()
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize('make', [spatial, planar])
 def test_known_bodies(make: Robots, seed: int) -> None:
     case = Case(make(seed), seed)
     unknown = known_bodies(case.kernel.model, case.kernel.errors)

@@ -132,7 +132,8 @@ class VarianceComponents:
     of its errors that comes from the kind, thing or part is k times as large.
     """
 
-    # by kind of cause ('zero', 'link', ...), by single cause ('zero:joint1'), and by part of one ('mass:link1')
+    # by kind of cause ('zero', 'link', ...), by single cause ('zero:joint1'), by part of one ('mass:link1'), and by
+    # direction of one, its density
     scales: Mapping[str, LikelyScale]
     distances: Mapping[str, Distance]  # by single cause, of its observed part
     factors: Array  # (e,) the factor of each of the unknowns' independent numbers
@@ -141,7 +142,12 @@ class VarianceComponents:
 
     @staticmethod
     def from_posterior(
-        values: Array, covariance: Array, causes: Sequence[str], parts: Sequence[str], moved: Array | None = None
+        values: Array,
+        covariance: Array,
+        causes: Sequence[str],
+        parts: Sequence[str],
+        moved: Array | None = None,
+        directions: Mapping[str, Array] | None = None,
     ) -> VarianceComponents:
         """Return the factors that data make likely.
 
@@ -150,6 +156,7 @@ class VarianceComponents:
         values, covariance : (e,), (e, e) of the numbers, of unit variance about zero a priori
         causes, parts : 'zero:joint1' that each belongs to, 'mass:link1' that it is by itself, or empty
         moved : (d, e) as of `Nonlinearity.unknowns`
+        directions : by name, unit vectors (e,) along which a single cause may be mistaken as a whole: it is scaled then
         """
         groups = _Groups.from_causes(tuple(causes), tuple(parts))
         each, names = np.ones(len(values)), groups.rows
@@ -173,12 +180,22 @@ class VarianceComponents:
                 found = PriorComparison.from_posterior(values[own], covariance[own[:, None], own]).likely_scales(*_KIND)
                 scales[kind] = LikelyScale(*map(float, found))
                 each[own] = np.maximum(each[own], scales[kind].factor)
+        within = dict(groups.within)
+        for name, along in (directions or {}).items():
+            cause = causes[int(np.argmax(np.abs(along)))]
+            shift = None if moved is None else (moved @ along)[:, None]
+            numbers = PriorComparison.from_posterior(
+                along @ values[:, None], (along @ covariance @ along)[None, None], shift
+            )
+            scales[name] = LikelyScale(*map(float, numbers.likely_scales(*_PART)))
+            own, within[name] = groups.places[cause], (_kind(cause), cause)
+            each[own] = np.maximum(each[own], scales[name].factor)
         return VarianceComponents(
-            {name: scales[name] for name in groups.within},
+            {name: scales[name] for name in within},
             {thing: distances[thing] for thing in groups.things},
             each,
             covariance,
-            groups.within,
+            within,
         )
 
     @property
@@ -387,7 +404,7 @@ class MeanAndCovariance:
     def prior_scales(self, layout: Layout, moved: Array | None = None) -> VarianceComponents:
         """Return the scale factors of the unknowns' priors; `moved` (d, e) as of `Nonlinearity.unknowns`."""
         numbers = self.unknowns_as_declared(layout)
-        return VarianceComponents.from_posterior(*numbers, layout.cause_of, layout.part_of, moved)
+        return VarianceComponents.from_posterior(*numbers, layout.cause_of, layout.part_of, moved, layout.directions)
 
     def contributions(self, factor: Array, layout: Layout) -> Array:
         """Return the contributions (e, m) of the unknowns' independent numbers to the errors of m numbers.

@@ -150,6 +150,24 @@ def test_a_mass_is_named_where_it_is_further_off_than_its_link() -> None:
     assert set(said(off(0, 0.0), 0).distances) == {f'link:{name}' for name in LINKS}
 
 
+@pytest.mark.parametrize('seed', range(3))
+def test_a_body_that_is_heavier_throughout_is_found_by_all_of_its_numbers_together(seed: int) -> None:
+    along = np.where(np.array(CAUSES) == 'link:link2', 1.0, 0.0) / np.sqrt(10.0)
+    seen = 0.6  # of each number's variance, by the data
+    rng = np.random.default_rng(seed)
+
+    def scales(far: float) -> list[VarianceComponents]:
+        noise = np.sqrt(seen - seen**2) * rng.normal(size=len(CAUSES))
+        given = seen * far * along + noise, (1.0 - seen) * np.eye(len(CAUSES)), CAUSES, PARTS, None
+        return [VarianceComponents.from_posterior(*given, each) for each in ({}, {'density:link2': along})]
+
+    apart, together = scales(6.0)
+    assert np.all(together.factors[20:30] > np.maximum(apart.factors[20:30], 2.5))
+    assert 'density:link2' in dict(together.significant)
+    apart, together = scales(0.0)
+    assert np.array_equal(apart.factors, together.factors)
+
+
 def test_causes_of_all_sizes_together_are_scaled_as_each_alone() -> None:
     rng = np.random.default_rng(0)
     causes = tuple(np.repeat(('link:a', 'zero:a', 'zero:b', 'axis:a', 'mount'), (10, 1, 1, 2, 6)).tolist())
