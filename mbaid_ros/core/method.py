@@ -11,7 +11,7 @@ import numpy as np
 from mbaid_ros.core.clocks import TimeOffset
 from mbaid_ros.core.contracts import ConventionFactory, Hypothesis, Unknown, kind_in_words, underestimated_text
 from mbaid_ros.core.diagnosis.isolation import CandidateCauses, Change, FaultIsolation, with_findings
-from mbaid_ros.core.diagnosis.passes import another_body, estimated_repair
+from mbaid_ros.core.diagnosis.passes import estimated_repair
 from mbaid_ros.core.filter.hypotheses import HypothesisFilter
 from mbaid_ros.core.filter.posterior import (
     Continuation,
@@ -36,11 +36,12 @@ from mbaid_ros.core.passive.model import (
 from mbaid_ros.core.pipeline import Estimator
 from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.results.estimate import PULSE, SYMPTOM, WITHHELD, Estimate, Event, PassiveJoint, Thruster
-from mbaid_ros.core.results.identifiable import IntervalConsistency, Reporting, Solution
+from mbaid_ros.core.results.identifiable import Reporting, Solution
 from mbaid_ros.core.results.verdict import (
     MOST_JUMPS,
     Cause,
     Evidence,
+    IntervalConsistency,
     Reason,
     Verdict,
     is_suspect,
@@ -64,7 +65,7 @@ from mbaid_ros.core.state import (
     layout_of,
     variables,
 )
-from mbaid_ros.core.target import ChangedTarget, target_changed_text
+from mbaid_ros.core.target import ChangedTarget, another_body, target_changed_text
 from mbaid_ros.core.windows import KnotAveraging, Window, without_twist
 from mbaid_ros.tasks import AT_ONCE, Kind, Tasks, Work
 

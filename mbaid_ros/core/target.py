@@ -8,14 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbaid_ros.core.contracts import RIGHT, Convention
+from mbaid_ros.core.filter.gaussian import SquareRootInformation
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
+from mbaid_ros.core.filter.time_update import pose_reset, with_process_noise
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.links import BodyDeviations
 from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.robot.body import physical, physical_jacobian, standard
 from mbaid_ros.core.robot.momentum import MomentumKernel
-from mbaid_ros.core.state import BODY
+from mbaid_ros.core.state import BODY, MOMENTUM, Variables
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.parameters import parameter
 
@@ -235,3 +237,19 @@ def described_prior(config: TargetPriorConfig, kernel: MomentumKernel, given: Ma
     if config.mass_std > 0.0:
         raise ParameterError(f"parameters '{name}' and 'target_prior' are both of the same link; accepted: one")
     return KnownTarget(target.parameters, BodyDeviations(*stds).factor(target.parameters))
+
+
+def another_body(gaussian: SquareRootInformation, variables: Variables, *, exchanged: bool) -> SquareRootInformation:
+    """Return the gaussian with an unknown target, or with the same mass elsewhere in the grasp, and a new pose error.
+
+    Parameters
+    ----------
+    gaussian : before
+    variables : of the filter
+    exchanged : whether it is another body, which brings or takes along a momentum of its own
+    """
+    own, opened = variables.first_unknown, variables.uninformative_deviation.copy()
+    if not exchanged:
+        opened[MOMENTUM] = opened[BODY.start] = 0.0
+    places = np.flatnonzero(opened)
+    return pose_reset(with_process_noise(gaussian, variables.from_state[:own, places] * opened[places]), variables)

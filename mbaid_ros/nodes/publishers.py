@@ -20,7 +20,7 @@ from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.interval import PARAMETERS, UNITS, rounded
 from mbaid_ros.core.results.estimate import Estimate, is_complete
-from mbaid_ros.core.robot.model import replace_inertial
+from mbaid_ros.core.robot.urdf import replace_inertial
 from mbaid_ros.core.target import Debris
 from mbaid_ros.errors import listing
 from mbaid_ros.estimate_messages import Frames, Publications, estimate_message

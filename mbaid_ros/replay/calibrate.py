@@ -20,12 +20,13 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.interval import PARAMETERS
 from mbaid_ros.core.links import KnownLinksConfig, link_deviations, relative_factor
 from mbaid_ros.core.passive.model import springs
-from mbaid_ros.core.robot.model import Link, RobotModel, displace_joint, displaced, load_model, replace_inertial
+from mbaid_ros.core.robot.model import Link, RobotModel, displaced, load_model
 from mbaid_ros.core.robot.momentum import MomentumKernel
+from mbaid_ros.core.robot.urdf import displace_joint, replace_inertial
 from mbaid_ros.core.wheels import storage
 from mbaid_ros.errors import DataError, ModelError, ParameterError, listing
 from mbaid_ros.files import write_text
-from mbaid_ros.replay.calibrated import Calibrated, summary, why_not
+from mbaid_ros.replay.calibration_text import Calibrated, summary, why_not
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.json_output import check_outputs, passive_joints, plain, shaped, shaped_momentum, write_results
 from mbaid_ros.replay.one_bag import read_motions

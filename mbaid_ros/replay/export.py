@@ -19,7 +19,8 @@ from mbaid_ros.config.parameter_files import read_robot_description
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, unvec, vec
 from mbaid_ros.core.interval import PARAMETERS
 from mbaid_ros.core.robot.body import is_physical, physical, standard
-from mbaid_ros.core.robot.model import RobotModel, load_model, replace_inertial
+from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.urdf import replace_inertial
 from mbaid_ros.errors import DataError, ParameterError, listing
 from mbaid_ros.files import as_utf8, require_writable, write_text
 from mbaid_ros.replay.json_output import matrix, shaped

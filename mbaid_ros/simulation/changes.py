@@ -9,7 +9,8 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, cross, exp, rotation_from_quaternion, unvec
 from mbaid_ros.core.robot.body import physical, standard
-from mbaid_ros.core.robot.model import Kinematics, Link, RobotModel, load_model, replace_inertial
+from mbaid_ros.core.robot.model import Kinematics, Link, RobotModel, load_model
+from mbaid_ros.core.robot.urdf import replace_inertial
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.environment import BodyWrench, Environment, Wheels
 from mbaid_ros.simulation.motion import Driven, Motion

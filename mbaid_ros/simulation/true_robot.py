@@ -10,7 +10,8 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.links import relative_factor
 from mbaid_ros.core.robot.body import is_physical, physical
-from mbaid_ros.core.robot.model import Link, RobotModel, displace_joint, express, load_model, replace_inertial
+from mbaid_ros.core.robot.model import Link, RobotModel, express, load_model
+from mbaid_ros.core.robot.urdf import displace_joint, replace_inertial
 from mbaid_ros.errors import ModelError
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.simulation import Truth

@@ -9,7 +9,8 @@ from scipy.io import savemat
 from benchmarks.data import last_state
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.body import physical
-from mbaid_ros.core.robot.model import Kinematics, RobotModel, express, load_model, replace_inertial
+from mbaid_ros.core.robot.model import Kinematics, RobotModel, express, load_model
+from mbaid_ros.core.robot.urdf import replace_inertial
 from mbaid_ros.recordings.recording import resource
 from mbaid_ros.recordings.spot import BASE, COMMANDS_FILE
 from mbaid_ros.simulation.dynamics import State

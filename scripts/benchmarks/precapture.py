@@ -12,8 +12,9 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.links import BodyDeviations
 from mbaid_ros.core.pipeline import Synchroniser
 from mbaid_ros.core.robot.body import is_physical, physical
-from mbaid_ros.core.robot.model import RobotModel, load_model, replace_inertial
+from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.momentum import MomentumKernel
+from mbaid_ros.core.robot.urdf import replace_inertial
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.streams import Windows
 from mbaid_ros.parameters import build

@@ -25,7 +25,8 @@ from benchmarks.precapture import free_urdf
 from graph import Graph, Process
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.results.estimate import is_complete
-from mbaid_ros.core.robot.model import load_model, replace_inertial
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.urdf import replace_inertial
 from mbaid_ros.estimate_messages import Frames, InertiaPublication, debris_message, estimate_message, inertia_message
 from mbaid_ros.nodes.publishers import last_of_each_window
 from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, qos

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbaid_ros.core.robot.model import RobotModel, load_model, replace_inertial
+from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.momentum import MomentumKernel
+from mbaid_ros.core.robot.urdf import replace_inertial
 from mbaid_ros.errors import DataError, ParameterError
 from mbaid_ros.joint_trajectory import JointTrajectory
 from mbaid_ros.planning.collisions import Collisions, JointEfforts, no_mesh

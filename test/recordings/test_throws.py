@@ -15,7 +15,8 @@ from benchmarks.benches import Twin
 from checked import answer, some
 from mbaid_ros.bags import BagReader
 from mbaid_ros.core.geometry import Array, cross, rotate, rotate_back, rotation_from_quaternion
-from mbaid_ros.core.robot.model import load_model, replace_inertial
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.urdf import replace_inertial
 from mbaid_ros.errors import DataError
 from mbaid_ros.recordings.convert import main
 from mbaid_ros.recordings.throws import OBJECTS, Thrown, read_tudelft_throw, throw_urdf

@@ -20,8 +20,9 @@ from checked import answer
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.links import declared_errors
 from mbaid_ros.core.robot.body import physical, physical_jacobian
-from mbaid_ros.core.robot.model import load_model, replace_inertial
+from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import MomentumKernel
+from mbaid_ros.core.robot.urdf import replace_inertial
 from mbaid_ros.parameters import build
 from mbaid_ros.replay.arguments import calibrate as main
 from mbaid_ros.replay.arguments import replay

@@ -15,12 +15,12 @@ from mbaid_ros.core.filter.gaussian import SquareRootInformation, update
 from mbaid_ros.core.filter.hypotheses import HypothesisFilter, WhitenedWindows, rare_event_likelihood
 from mbaid_ros.core.filter.linearise import LinearisationCache
 from mbaid_ros.core.filter.posterior import MeanAndCovariance, PriorComparison
-from mbaid_ros.core.filter.time_update import pose_reset, with_process_noise
 from mbaid_ros.core.geometry import Array, skew
 from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import MomentumKernel, inertia_matrix
 from mbaid_ros.core.state import BODY, MOMENTUM, Declared, Layout, Point, UnknownsPrior, Variables, variables
+from mbaid_ros.core.target import another_body
 from mbaid_ros.core.windows import Window
 from mbaid_ros.tasks import Work
 
@@ -258,22 +258,6 @@ def estimated_repair(distribution: MeanAndCovariance, layout: Layout, cause: str
             std = np.sqrt(np.maximum(np.diag(factor @ covariance @ factor.T), 0.0))
             return unknown.repair(cause, factor @ mean, std, layout.kernel)
     return None
-
-
-def another_body(gaussian: SquareRootInformation, variables: Variables, *, exchanged: bool) -> SquareRootInformation:
-    """Return the gaussian with an unknown target, or with the same mass elsewhere in the grasp, and a new pose error.
-
-    Parameters
-    ----------
-    gaussian : before
-    variables : of the filter
-    exchanged : whether it is another body, which brings or takes along a momentum of its own
-    """
-    own, opened = variables.first_unknown, variables.uninformative_deviation.copy()
-    if not exchanged:
-        opened[MOMENTUM] = opened[BODY.start] = 0.0
-    places = np.flatnonzero(opened)
-    return pose_reset(with_process_noise(gaussian, variables.from_state[:own, places] * opened[places]), variables)
 
 
 def attempted(passes: Work[T]) -> Work[T | None]:

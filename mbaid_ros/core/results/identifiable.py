@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -44,8 +43,6 @@ _SECOND = np.array([4, 7, 9, 7, 9, 9])
 # How much better the mass has to be known than others, for it and for a quotient with it to be believed. Its deviation
 # grows and shrinks with it: of runs that know it to half of itself, those that err downwards look the surest.
 _OF_THE_MASS = 0.2
-_KEPT = 10.0  # s, that an estimate is compared with later ones
-_FAR = 5.0  # of its standard deviations, by which none should move: one in millions does by chance
 IDENTIFIABLE_STD = 0.5  # relative standard deviation below which a parameter counts as identifiable
 LARGEST_RESIDUAL = 2.0  # times the noise: noise that is declared half as large as it is, or a wrong model
 
@@ -209,38 +206,3 @@ def _nonlinearity(nonlinearities: Sequence[Nonlinearity], jacobian: Array) -> tu
             shifts = np.where(straight, 0.0, curvature.shifts @ jacobian.T)
             remainder += shifts.T @ shifts
     return observed, remainder
-
-
-class IntervalConsistency:
-    """Compares each estimate of a run with those of the latest seconds before it."""
-
-    def __init__(self) -> None:
-        self._earlier: deque[tuple[float, Array, Array]] = deque()  # s, (10,) parameters, (10,) standard deviations
-        self._changes = 0  # of the target
-
-    def checked(self, estimate: Estimate, *, early: bool) -> Estimate:
-        """Return an estimate, inconsistent where it has left the interval of one before it that was not early."""
-        changes = sum(event.kind == 'target_changed' for event in estimate.events)
-        if changes != self._changes:
-            self._earlier.clear()
-            self._changes = changes
-        while self._earlier and self._earlier[0][0] < estimate.time - _KEPT:
-            self._earlier.popleft()
-        if not estimate.identifiable.any() or estimate.status == 'inconsistent':
-            return estimate
-        reasons = [Reason(text, 'conflict') for text in self._moved(estimate)]
-        if not early:
-            self._earlier.append((estimate.time, estimate.parameters, estimate.std))
-        return with_reasons(estimate, reasons)
-
-    def _moved(self, estimate: Estimate) -> Iterator[str]:
-        if not self._earlier:
-            return
-        times, parameters, stds = (np.array(each) for each in zip(*self._earlier, strict=True))
-        distance = np.nan_to_num(np.abs(estimate.parameters - parameters) / stds)
-        place, which = np.unravel_index(int(np.argmax(distance)), distance.shape)
-        if distance[place, which] >= _FAR:
-            yield (
-                f'{PARAMETERS[which]} has moved by {distance[place, which]:.1f} of its standard deviations since '
-                f'{times[place]:.1f} s: one of the two is wrong'
-            )

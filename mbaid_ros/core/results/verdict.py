@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -10,6 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags, Integers, chi_square_limit
+from mbaid_ros.core.interval import PARAMETERS
 from mbaid_ros.core.repair import Repair, Setting
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Status
 
@@ -30,6 +32,8 @@ _NEVER, _NOT_TWICE, _RARELY = 1e-7, 1e-4, 1e-5
 # Standard deviations of an estimate from the nearest real body, of none from the first, with a warning from the second.
 IMPOSSIBLE, _LARGE_CORRECTION = 4.0, 3.0
 _BY_CHANCE = 1e-6  # chance that so few equations leave as large a residual: asked once a window while a run is short
+_KEPT = 10.0  # s, that an estimate is compared with later ones
+_FAR = 5.0  # of its standard deviations, by which none should move: one in millions does by chance
 MOST_JUMPS = 3  # of the momentum: from more on the model is wrong rather than the run unlucky
 
 
@@ -316,3 +320,38 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
     # A walk gains more than anything else could, and names nothing: it comes last.
     walk = [Cause(evidence.hypothesis, evidence.gain)] if evidence.hypothesis and not evidence.physical else []
     return (*causes, *walk)
+
+
+class IntervalConsistency:
+    """Compares each estimate of a run with those of the latest seconds before it."""
+
+    def __init__(self) -> None:
+        self._earlier: deque[tuple[float, Array, Array]] = deque()  # s, (10,) parameters, (10,) standard deviations
+        self._changes = 0  # of the target
+
+    def checked(self, estimate: Estimate, *, early: bool) -> Estimate:
+        """Return an estimate, inconsistent where it has left the interval of one before it that was not early."""
+        changes = sum(event.kind == 'target_changed' for event in estimate.events)
+        if changes != self._changes:
+            self._earlier.clear()
+            self._changes = changes
+        while self._earlier and self._earlier[0][0] < estimate.time - _KEPT:
+            self._earlier.popleft()
+        if not estimate.identifiable.any() or estimate.status == 'inconsistent':
+            return estimate
+        reasons = [Reason(text, 'conflict') for text in self._moved(estimate)]
+        if not early:
+            self._earlier.append((estimate.time, estimate.parameters, estimate.std))
+        return with_reasons(estimate, reasons)
+
+    def _moved(self, estimate: Estimate) -> Iterator[str]:
+        if not self._earlier:
+            return
+        times, parameters, stds = (np.array(each) for each in zip(*self._earlier, strict=True))
+        distance = np.nan_to_num(np.abs(estimate.parameters - parameters) / stds)
+        place, which = np.unravel_index(int(np.argmax(distance)), distance.shape)
+        if distance[place, which] >= _FAR:
+            yield (
+                f'{PARAMETERS[which]} has moved by {distance[place, which]:.1f} of its standard deviations since '
+                f'{times[place]:.1f} s: one of the two is wrong'
+            )

@@ -1,4 +1,4 @@
-"""The robot as arrays: links, joints, kinematics, the plane of its motion, and new numbers put into its URDF."""
+"""The robot as arrays: links, joints, kinematics, the plane of its motion."""
 
 from __future__ import annotations
 
@@ -31,7 +31,6 @@ _PARALLEL = 1e-9  # by which the cosine of axes of one direction may differ from
 _SIGNIFICANT = 6.0
 _OUT_OF_PLANE = 0.05  # rad/s, of a gyro alone: no bias is as large
 _LEAVING, _STAYS = 0.1, 0.01  # part of the motion in the plane, and m (N s), of what leaves it
-_INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 
 
 def configurations(model: RobotModel, position: Array) -> Array:
@@ -458,54 +457,3 @@ def _common_axis(model: RobotModel) -> Array | None:
     parallel = np.all(np.abs(np.abs(turning @ axis) - 1.0) < _PARALLEL)
     across = np.all(np.abs(twists[:, slides, :3] @ axis) < _PARALLEL)
     return axis if parallel and across else None
-
-
-def displace_joint(urdf: str, joint: str, origin: Array, tilt: Array) -> str:
-    """Return a URDF in which one joint's frame is displaced: origin (3,) m and rotation vector (3,) rad, in that frame.
-
-    The <axis> stays as it is, in the turned frame.
-
-    Raises ModelError: The document has no such joint.
-    """
-    if not (np.any(origin) or np.any(tilt)):
-        return urdf
-    robot = tree_of(urdf, comments=True)
-    written = _part(robot, 'joint', joint, 'origin')
-    xyz, rpy = (np.array([float(x) for x in written.get(key, '0 0 0').split()]) for key in ('xyz', 'rpy'))
-    rotation = pinocchio.rpy.rpyToMatrix(*rpy)
-    written.set('xyz', _numbers(xyz + rotation @ origin))
-    written.set('rpy', _numbers(pinocchio.rpy.matrixToRpy(rotation @ exp(tilt)) if np.any(tilt) else rpy))
-    return ET.tostring(robot, encoding='unicode')
-
-
-def replace_inertial(urdf: str, link: str, parameters: Array) -> str:
-    """Return a URDF in which one link's <inertial> is replaced, or added, by (10,) parameters (m, r_c, I_c).
-
-    r_c is in the link's frame, I_c about it in the link's axes. Comments and all other elements stay.
-
-    Raises ModelError: The document has no such link.
-    """
-    robot = tree_of(urdf, comments=True)
-    inertial = _part(robot, 'link', link, 'inertial')
-    behind = inertial.tail
-    inertial.clear()
-    ET.SubElement(inertial, 'origin', xyz=_numbers(parameters[1:4]), rpy='0 0 0')
-    ET.SubElement(inertial, 'mass', value=_numbers(parameters[:1]))
-    ET.SubElement(inertial, 'inertia', {key: _numbers(parameters[4 + k : 5 + k]) for k, key in enumerate(_INERTIA)})
-    ET.indent(inertial, level=2)
-    inertial.tail = behind
-    return ET.tostring(robot, encoding='unicode')
-
-
-def _part(robot: ET.Element, kind: str, name: str, part: str) -> ET.Element:
-    """Return the part of a link or joint, added where there is none."""
-    for element in robot.findall(kind):
-        if element.get('name') == name:
-            found = element.find(part)
-            return ET.SubElement(element, part) if found is None else found
-    raise ModelError(f"{kind} '{name}' is not in the robot description")
-
-
-def _numbers(values: Array) -> str:
-    """Return numbers as the shortest text that reads back as the same ones."""
-    return ' '.join(map(repr, values.tolist()))

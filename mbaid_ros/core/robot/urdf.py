@@ -1,4 +1,4 @@
-"""The robot description as a document: its limits, its tree of links and joints, and what a robot may not have."""
+"""The robot description as a document: limits, links and joints, refusals, and new numbers written into it."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import numpy.typing as npt
+import pinocchio
 
 from mbaid_ros import limits
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.errors import ModelError, listing
 
 _LONGEST_REASON = 1_000  # characters: a line that is read
@@ -32,6 +33,7 @@ _LOOSE = ('floating', 'planar')  # joints that a robot floats on
 _STDERR = 2  # descriptor of the stream that the parser complains on
 _COMPLAINT = re.compile(r'^Error:\s+(.*)$', re.MULTILINE)
 _MOST = 10_000  # bytes that are looked at: a broken file has no end of complaints
+_INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 _one_at_a_time = threading.Lock()
 SUPPORTED_JOINTS = ('revolute', 'continuous', 'prismatic', 'fixed')
 
@@ -544,3 +546,54 @@ def _limit(joint: ET.Element, what: str, kind: str) -> Limit:
     if kind == 'continuous' or lower >= upper:
         lower, upper = -math.inf, math.inf
     return Limit(lower, upper, velocity, effort)
+
+
+def displace_joint(urdf: str, joint: str, origin: Array, tilt: Array) -> str:
+    """Return a URDF in which one joint's frame is displaced: origin (3,) m and rotation vector (3,) rad, in that frame.
+
+    The <axis> stays as it is, in the turned frame.
+
+    Raises ModelError: The document has no such joint.
+    """
+    if not (np.any(origin) or np.any(tilt)):
+        return urdf
+    robot = tree_of(urdf, comments=True)
+    written = _part(robot, 'joint', joint, 'origin')
+    xyz, rpy = (np.array([float(x) for x in written.get(key, '0 0 0').split()]) for key in ('xyz', 'rpy'))
+    rotation = pinocchio.rpy.rpyToMatrix(*rpy)
+    written.set('xyz', _numbers(xyz + rotation @ origin))
+    written.set('rpy', _numbers(pinocchio.rpy.matrixToRpy(rotation @ exp(tilt)) if np.any(tilt) else rpy))
+    return ET.tostring(robot, encoding='unicode')
+
+
+def replace_inertial(urdf: str, link: str, parameters: Array) -> str:
+    """Return a URDF in which one link's <inertial> is replaced, or added, by (10,) parameters (m, r_c, I_c).
+
+    r_c is in the link's frame, I_c about it in the link's axes. Comments and all other elements stay.
+
+    Raises ModelError: The document has no such link.
+    """
+    robot = tree_of(urdf, comments=True)
+    inertial = _part(robot, 'link', link, 'inertial')
+    behind = inertial.tail
+    inertial.clear()
+    ET.SubElement(inertial, 'origin', xyz=_numbers(parameters[1:4]), rpy='0 0 0')
+    ET.SubElement(inertial, 'mass', value=_numbers(parameters[:1]))
+    ET.SubElement(inertial, 'inertia', {key: _numbers(parameters[4 + k : 5 + k]) for k, key in enumerate(_INERTIA)})
+    ET.indent(inertial, level=2)
+    inertial.tail = behind
+    return ET.tostring(robot, encoding='unicode')
+
+
+def _part(robot: ET.Element, kind: str, name: str, part: str) -> ET.Element:
+    """Return the part of a link or joint, added where there is none."""
+    for element in robot.findall(kind):
+        if element.get('name') == name:
+            found = element.find(part)
+            return ET.SubElement(element, part) if found is None else found
+    raise ModelError(f"{kind} '{name}' is not in the robot description")
+
+
+def _numbers(values: Array) -> str:
+    """Return numbers as the shortest text that reads back as the same ones."""
+    return ' '.join(map(repr, values.tolist()))

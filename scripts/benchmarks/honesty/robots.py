@@ -12,7 +12,8 @@ from benchmarks.honesty.paths import ROBOT
 from benchmarks.precapture import BARE_LINK7
 from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.robot.body import physical, standard
-from mbaid_ros.core.robot.model import load_model, replace_inertial
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.urdf import replace_inertial
 
 Vector = Sequence[float] | Array
 LINK, BASE = 'link7', 'base_link'

@@ -14,7 +14,7 @@ from benchmarks.data import LEVELS, model, write_bag
 from benchmarks.peers.conditions import KNOWN_PANEL, OTHER_ENGINE, Condition, declared, moved
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.body import physical
-from mbaid_ros.core.robot.model import replace_inertial
+from mbaid_ros.core.robot.urdf import replace_inertial
 from mbaid_ros.replay.json_output import shaped
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import total_momentum

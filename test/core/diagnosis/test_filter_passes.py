@@ -11,12 +11,13 @@ import pytest
 
 from checked import generic
 from mbaid_ros.core.contracts import UNDISTURBED, Hypothesis
-from mbaid_ros.core.diagnosis.passes import FilterPasses, another_body
+from mbaid_ros.core.diagnosis.passes import FilterPasses
 from mbaid_ros.core.filter.gaussian import SquareRootInformation
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.odometry.model import odometry_mount, odometry_scale, twist_bias
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.state import BODY, MOMENTUM, POSE, Declared, Layout
+from mbaid_ros.core.target import another_body
 from observed import kernel
 from windowed import covariance_of
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.robot.body import physical
-from mbaid_ros.core.robot.model import load_model, parse, replace_inertial
-from mbaid_ros.core.robot.urdf import Inertial, read_description
+from mbaid_ros.core.robot.model import load_model, parse
+from mbaid_ros.core.robot.urdf import Inertial, read_description, replace_inertial
 from mbaid_ros.errors import MbaidError, ModelError
 from mbaid_ros.limits import LINKS, URDF_CHARACTERS
 from simulated import CONFIG
