@@ -12,7 +12,7 @@ from pathlib import Path
 from mbaid_ros.cli import ArgumentParser, number, run
 from mbaid_ros.replay.inputs import Inputs
 
-FORMATS = ('urdf-link', 'urdf', 'mjcf', 'mjcf-body', 'basilisk-hub', 'basilisk-effector', 'json')
+FORMATS = ('urdf-link', 'urdf', 'mjcf', 'mjcf-body', 'basilisk-hub', 'basilisk-effector', 'ccsds-acm', 'json')
 
 
 def _start(name: str, parser: Callable[[], ArgumentParser], command: str, argv: Sequence[str] | None = None) -> int:

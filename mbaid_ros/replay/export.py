@@ -1,4 +1,4 @@
-"""The executable `export`: an identified body in other tools' forms; every number reads back as the same number."""
+"""The executable `export`: an identified body in other tools' forms; numbers read back as they are."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf import replace_inertial
 from mbaid_ros.errors import DataError, ParameterError, listing
 from mbaid_ros.files import as_utf8, require_writable, write_text
+from mbaid_ros.replay.acm import acm
 from mbaid_ros.replay.json_output import matrix, shaped
 from mbaid_ros.replay.provenance import sha256_of
 from mbaid_ros.replay.results import Run
@@ -162,6 +163,8 @@ def _written(body: Identified, arguments: argparse.Namespace, urdf: str) -> str:
         return replace_inertial(urdf, body.link, body.parameters)
     if form.startswith('basilisk'):
         return _basilisk(body, effector=form == 'basilisk-effector')
+    if form == 'ccsds-acm':
+        return acm(body)
     if form == 'json':
         return _plain_json(body, in_principal_axes=in_principal_axes, shape=shape)
     options: dict[str, Any] = {'in_principal_axes': in_principal_axes, 'shape': shape}

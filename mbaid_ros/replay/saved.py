@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
@@ -125,6 +126,7 @@ class Identified:
     # robot_sha256, base_link: of the robot description that it was made with; empty where not known, or the root
     robot_sha256: str = ''
     base_link: str = ''
+    date: str = ''  # ISO 8601, of the last estimate in a bag or of a JSON file's making; empty where not known
 
     @property
     def contradicted(self) -> bool:
@@ -173,7 +175,13 @@ def _from_json_file(path: str, result: int, *, alone: bool) -> Identified:
         warnings = tuple(map(str, chosen.get('warnings', ())))
         made = chosen.get('made_by') or {'robot': {'sha256': ''}, 'parameters': {}}
         robot, base = str(made['robot']['sha256']), str(made['parameters'].get('base_link', ''))
-        return Identified(link, str(chosen['status']), parameters, covariance, warnings, (), robot, base)
+        date = _date(str(made.get('date', '')))
+        return Identified(link, str(chosen['status']), parameters, covariance, warnings, (), robot, base, date)
+
+
+def _date(text: str) -> str:
+    """Return a date if it is one; raise a ValueError otherwise."""
+    return datetime.fromisoformat(text).isoformat() if text else ''
 
 
 def _covariance(covariance: Any, std: Any) -> Array:
@@ -200,7 +208,10 @@ def _from_bag(path: str, topic: str, *, alone: bool) -> Identified:
     if last is None:
         raise DataError('; '.join([f"bag '{path}' holds no estimate on {topic}", *notes]))
     covariance = np.array(last.covariance, dtype=float).reshape(10, 10)
-    return Identified(last.header.frame_id, last.status, parameters_of(last), covariance, tuple(last.warnings), notes)
+    stamp = last.header.stamp.sec + 1e-9 * last.header.stamp.nanosec
+    date = datetime.fromtimestamp(stamp, timezone.utc).isoformat()
+    warnings = tuple(last.warnings)
+    return Identified(last.header.frame_id, last.status, parameters_of(last), covariance, warnings, notes, date=date)
 
 
 def _chosen_topic(bag: BagReader, path: str, topic: str, *, alone: bool) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import runpy
 from functools import partial
 from pathlib import Path
@@ -298,3 +299,83 @@ def test_bad_input_is_one_line(
         files[name] = str(tmp_path / f'{name}.json')
         Path(files[name]).write_text(content, encoding='utf-8')
     assert text in exported(capsys, *(argument.format(**files) for argument in arguments), code=2)
+
+
+def blocks_of(text: str) -> dict[str, dict[str, str]]:
+    """Return the values of an ACM by block and keyword, read by the rules of CCSDS 504.0-B-2, section 6."""
+    assert all(' ' <= char <= '~' for char in text.replace('\n', ''))
+    found: dict[str, dict[str, str]] = {'HEADER': {}}
+    block = 'HEADER'
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    for line in lines:
+        if line.startswith('COMMENT '):
+            continue
+        if line.endswith(('_START', '_STOP')):
+            name, _, border = line.rpartition('_')
+            assert (block == 'HEADER') == (border == 'START') or block == name
+            assert border == 'START' or block == name
+            block = name if border == 'START' else 'HEADER'
+            assert border == 'STOP' or name not in found, 'a block comes once'
+            found.setdefault(name, {})
+            continue
+        keyword, separator, value = (part.strip() for part in line.partition('='))
+        assert separator
+        assert keyword == keyword.upper()
+        assert ' ' not in keyword
+        assert keyword not in found[block]
+        assert value
+        found[block][keyword] = value
+    assert lines[0] == 'CCSDS_ACM_VERS = 2.0'
+    return found
+
+
+def number_of(value: str, unit: str = '') -> float:
+    number, _, given = value.partition(' ')
+    assert given == (f'[{unit}]' if unit else '')
+    assert re.fullmatch(r'-?\d\.\d{1,15}E[+-]\d+', number)
+    assert not number.startswith('-0.000000000000000')
+    return float(number)
+
+
+@pytest.mark.parametrize('turn', TURNS)
+def test_the_acm_has_the_inertia_with_the_signs_of_the_standard(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, turn: list[float]
+) -> None:
+    body = turned(turn)
+    factor = np.random.default_rng(1).normal(size=(10, 10))
+    covariance = factor @ factor.T * 1e-4
+    final = estimate(parameters=body, covariance=covariance)
+    found = blocks_of(exported(capsys, written(tmp_path, final), '--format', 'ccsds-acm'))
+    assert list(found) == ['HEADER', 'META', 'PHYS', 'USER']
+    assert list(found['HEADER']) == ['CCSDS_ACM_VERS', 'CREATION_DATE', 'ORIGINATOR']
+    assert list(found['META']) == ['OBJECT_NAME', 'TIME_SYSTEM', 'EPOCH_TZERO', 'ACM_DATA_ELEMENTS']
+    phys = found['PHYS']
+    assert list(phys) == ['WET_MASS', 'INERTIA_REF_FRAME', 'IXX', 'IYY', 'IZZ', 'IXY', 'IXZ', 'IYZ']
+    xx, yy, zz, xy, xz, yz = (number_of(phys[name], 'kg*m**2') for name in list(phys)[2:])
+    tensor = np.array([[xx, -xy, -xz], [-xy, yy, -yz], [-xz, -yz, zz]])  # annex F6
+    com = [number_of(found['USER'][f'USER_DEFINED_COM_{axis}']) for axis in 'XYZ']
+    same(number_of(phys['WET_MASS'], 'kg'), com, tensor, body)
+    users = found['USER']
+    assert len(users) == 3 + 55
+    assert number_of(users['USER_DEFINED_COV_MASS_MASS']) == pytest.approx(covariance[0, 0], rel=RELATIVE)
+    assert number_of(users['USER_DEFINED_COV_IXY_MASS']) == pytest.approx(-covariance[5, 0], rel=RELATIVE)
+    assert number_of(users['USER_DEFINED_COV_IYZ_IXY']) == pytest.approx(covariance[8, 5], rel=RELATIVE)
+
+
+def test_a_library_for_ccsds_reads_the_same_numbers_in_the_acm(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    library = pytest.importorskip('ccsds_ndm', reason='pip install ccsds-ndm-py')
+    message = library.from_str(exported(capsys, written(tmp_path), '--format', 'ccsds-acm'))
+    phys = message.segment.data.phys
+    signs = np.array([1.0, 1.0, 1.0, -1.0, -1.0, -1.0])
+    given = [getattr(phys, name) for name in ('ixx', 'iyy', 'izz', 'ixy', 'ixz', 'iyz')] * signs
+    assert given == pytest.approx(BODY[[4, 7, 9, 5, 6, 8]], rel=RELATIVE)
+    assert phys.wet_mass == pytest.approx(BODY[0], rel=RELATIVE)
+
+
+def test_the_acm_of_a_bag_has_the_time_of_the_estimate(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    bag = recorded(tmp_path, estimate(stamp=1_700_000_000_000_000_000))
+    found = blocks_of(exported(capsys, bag, '--format', 'ccsds-acm'))
+    assert found['META']['EPOCH_TZERO'] == '2023-11-14T22:13:20'
+    assert found['META']['OBJECT_NAME'] == 'link7'
