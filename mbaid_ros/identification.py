@@ -231,7 +231,7 @@ def identify(  # noqa: PLR0913 - one argument for each measured quantity
 def _run(session: Session, config: EstimatorConfig, readings: Sequence[Readings]) -> Run:
     """Return the result of readings, in the order of their times."""
     kept = Kept(session, config)
-    add = {Joints.TOPIC: session.add_joint_state, Poses.TOPIC: session.add_odometry, Imu.TOPIC: session.add_imu}
+    add = {Joints.TOPIC: session.add_joint_state, Poses.TOPIC: session.add_odometry, Imu.TOPIC: session.add_named}
     messages = in_order(readings, _TYPES, lambda _, time: round(time * 1e9))
     for begin in range(0, len(messages), _AT_ONCE):
         part = messages[begin : begin + _AT_ONCE]

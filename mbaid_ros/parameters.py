@@ -6,8 +6,9 @@ import array
 import ast
 import difflib
 import inspect
+import re
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cache
 from itertools import pairwise
@@ -37,6 +38,8 @@ _WORDS: dict[Kind, str] = {
 }
 Owner = type  # of a field: ParameterSpec has a `type` of its own
 _INTEGER_LIMIT = 2**63  # a ROS integer has 64 bits
+# Topics that the estimator subscribes to, beside those of named sensors.
+INPUT_TOPICS = ('joint_states', 'odom', 'pose', 'imu', 'thrust', 'stored_momentum', 'robot_description')
 METHODS = ('trajectory', 'difference', 'paper_difference', 'paper_main')
 T = TypeVar('T')
 _METADATA, _BY_NAME = 'mbaid_ros.parameter', 'mbaid_ros.by_name'
@@ -193,6 +196,39 @@ def by_name(cls: type, word: str) -> Mapping[str, Mapping[str, float]]:
     return field(default_factory=dict, metadata={_BY_NAME: (cls, word)})
 
 
+def named_groups(cls: type[T], group: str, names: Sequence[str], each: Mapping[str, Mapping[str, Any]]) -> dict[str, T]:
+    """Return the groups of parameters of named sensors, each with a topic of its name.
+
+    Raises ParameterError: A name is taken, given twice or no topic's; or parameters are of none of the names.
+
+    Parameters
+    ----------
+    cls, group : dataclass of the parameters of one, and the name of the group: ``gyros``
+    names, each : the names, and the given values by them
+    """
+    taken = sorted((*INPUT_TOPICS, 'tf'))
+    found = {}
+    for name in names:
+        if name in taken or names.count(name) > 1 or not re.fullmatch(r'[A-Za-z]\w*', name, re.ASCII):
+            raise ParameterError(
+                f"parameter '{group}.names' has '{name[:60]}'; accepted: letters, digits and underscores, each name "
+                f'once, and none of {listing(taken)}'
+            )
+        found[name] = _construct(cls, each.get(name, {}), '')
+    if foreign := [name for name in each if name not in names]:
+        one = {'gyros': 'gyro', 'poses': 'pose'}.get(group, group)
+        raise ParameterError(
+            f"parameter '{group}.{foreign[0][:60]}' is of no {one} in '{group}.names'; accepted: "
+            f'{listing(names) or "none"}'
+        )
+    return found
+
+
+def topic_of(name: str) -> str:
+    """Return the topic of a named sensor by the name of its parameters: arm of gyros.arm."""
+    return name.rpartition('.')[2]
+
+
 @cache
 def specifications(cls: type) -> Mapping[str, ParameterSpec]:
     """Return every parameter of a dataclass and of its groups, by dotted name, in the order of declaration."""
@@ -291,12 +327,12 @@ def _construct(cls: type[T], values: Mapping[str, Value], prefix: str) -> T:
 
 def _values_by_name(cls: type, values: Mapping[str, Value], prefix: str) -> dict[str, dict[str, Value]]:
     """Return the values of single links or joints, by their names, of a group with a prefix."""
-    patterns = [prefix + name for name in named_specifications(cls)]
+    endings = sorted((name.partition('>.')[2] for name in named_specifications(cls)), key=len, reverse=True)
     found: dict[str, dict[str, Value]] = {}
     for name, value in values.items():
-        if any(_fits(name, pattern) for pattern in patterns):
-            thing, _, short = name.removeprefix(prefix).rpartition('.')
-            found.setdefault(thing, {})[short] = value
+        short = next((end for end in endings if _fits(name, f'{prefix}<>.{end}')), '')
+        if short:
+            found.setdefault(name.removeprefix(prefix).removesuffix(f'.{short}'), {})[short] = value
     return found
 
 

@@ -21,6 +21,7 @@ SECTIONS = {
     'Joints, odometry and gyro': (
         *('core/joints/stream.py', 'core/joints/model.py', 'core/odometry/stream.py', 'core/odometry/model.py'),
         'core/gyro.py',
+        'core/poses.py',
     ),
     'Other things': (
         *('core/passive', 'core/clocks.py', 'core/links.py', 'core/wheels.py', 'core/forces.py', 'core/orbit.py'),

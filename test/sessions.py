@@ -58,13 +58,13 @@ def fed(into: Session, messages: Iterable[tuple[str, Any]], at_once: int = 1_000
     take = {
         'joint_states': into.add_joint_state,
         'odom': into.add_odometry,
-        'imu': into.add_imu,
+        'imu': into.add_named,
         'stored_momentum': into.add_stored_momentum,
         'thrust': into.add_thrust,
     }
     found: list[Estimate] = []
     for place, (topic, message) in enumerate(messages, start=1):
-        take.get(topic, partial(into.add_imu, name=topic))(message)
+        take.get(topic, partial(into.add_named, name=topic))(message)
         if place % at_once == 0:
             found += into.process()
     return [*found, *into.process()]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from mbaid_ros.core.links import KnownLinksConfig
 from mbaid_ros.core.odometry.model import TWIST_FRAMES, MarkerConfig, OdometryConfig, OdometryMountConfig, PoseConfig
 from mbaid_ros.core.orbit import OrbitConfig
 from mbaid_ros.core.passive.model import FlexibleConfig
+from mbaid_ros.core.poses import PosesConfig
 from mbaid_ros.core.results.noise_levels import CHANNELS, TYPICAL
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.target import DebrisConfig, MomentumConfig, TargetPriorConfig
@@ -173,6 +174,7 @@ class EstimatorConfig:
     pose: PoseConfig = field(default_factory=PoseConfig)
     imu: ImuConfig = field(default_factory=ImuConfig)
     gyros: GyrosConfig = field(default_factory=GyrosConfig)
+    poses: PosesConfig = field(default_factory=PosesConfig)
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     momentum: MomentumConfig = field(default_factory=MomentumConfig)
     time_offset: TimeOffsetConfig = field(default_factory=TimeOffsetConfig)
@@ -191,3 +193,24 @@ class EstimatorConfig:
     paper: PaperConfig = field(default_factory=PaperConfig)
     convergence: ConvergenceConfig = field(default_factory=ConvergenceConfig)
     plan: PlanConfig = field(default_factory=PlanConfig)
+
+    @property
+    def by_odometry(self) -> bool:
+        """Whether odom or pose locate the base."""
+        return not (self.imu.alone or self.poses.alone)
+
+    @property
+    def located(self) -> bool:
+        """Whether anything measures the base's position."""
+        return bool(self.poses.measuring('position')) if self.poses.alone else not self.imu.alone
+
+    @property
+    def oriented(self) -> bool:
+        """Whether anything but a gyro measures the base's orientation."""
+        return not self.imu.alone or self.imu.orientation
+
+    @property
+    def without_frames(self) -> EstimatorConfig:
+        """The same parameters without the frames of named sensors, for any robot."""
+        sensors = replace(self.imu, frame=''), self.gyros.without_frames, self.poses.without_frames
+        return replace(self, **dict(zip(('imu', 'gyros', 'poses'), sensors, strict=True)))  # type: ignore[arg-type]

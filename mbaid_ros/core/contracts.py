@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, lru_cache
-from typing import ClassVar, Literal, Protocol
+from typing import Any, ClassVar, Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from mbaid_ros.core.repair import Conversion, Repair
 from mbaid_ros.core.results.verdict import Reason
 from mbaid_ros.core.robot.model import Configuration, PlaneDetector
 from mbaid_ros.core.robot.momentum import BodyStates, MomentumKernel
-from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.samples import Samples, Stamps
 from mbaid_ros.core.windows import Knots, Midpoints, Window, at_the_base, midpoints, with_joints_later
 
 _LARGEST_SIZE = 10.0  # that is tried (trajectory.md, eq. 8): beyond it, how many times is not known
@@ -429,19 +430,24 @@ class Stack:
         """The motion midway between all knots as measured, (J - 1, B, ...)."""
         return midpoints(self.knots, self.windows[0].spacing)
 
+    def corrected(self, nominal: NominalModel) -> Knots:
+        """Return the knots of the base's own frame, as a nominal model corrects them."""
+        if nominal.mount.any():
+            return at_the_base(self.knots, nominal.mount)
+        if nominal.gyro.any() and self.knots.attitude_sensitivity.shape[-1]:
+            return _turned_back(self.knots, nominal.gyro)
+        return self.knots
+
     def motion(self, nominal: NominalModel, beside: int = 1) -> tuple[Midpoints, slice]:
         """Return the motion as a nominal model corrects it, with intervals `beside` it, and the own part."""
-        if nominal.mount.any():
-            middle = midpoints(at_the_base(self.knots, nominal.mount), self.windows[0].spacing)
-        elif nominal.gyro.any() and self.knots.attitude_sensitivity.shape[-1]:
-            middle = midpoints(_turned_back(self.knots, nominal.gyro), self.windows[0].spacing)
+        knots = self.corrected(nominal)
+        middle = self.middle if knots is self.knots else midpoints(knots, self.windows[0].spacing)
+        if not nominal.mount.any() and knots is not self.knots:  # by the errors of a gyro
             read = rotate_back(middle.base_rotation, middle.turn / self.windows[0].spacing)
             bias, scale, turn, shared = nominal.gyro.reshape(4, 3)
             errors = bias + scale * read + cross(read, np.broadcast_to(turn, read.shape)) + crossed(read) @ shared
             own, others = np.split(middle.further, [3], axis=-1)
             middle = replace(middle, further=np.concatenate((own - errors, others), axis=-1))
-        else:
-            middle = self.middle
         if nominal.delay != 0.0:
             middle = with_joints_later(middle, nominal.delay, self.windows[0].spacing)
         if nominal.zeros.any():
@@ -476,11 +482,11 @@ class Stack:
     def integrates_twist(self) -> Flags:
         """Which windows' twist counts by its integral (B,): where that is the better change of correlated poses.
 
-        Its noise then adds to that of the mean pose. Not with a gyro beside.
+        Its noise then adds to that of the mean pose. Not with a further sensor beside.
         """
         inside = self.windows[0].inside
         twist = np.isfinite(self.knots.base_twist[inside.start : inside.stop + 1]).all(axis=(0, 2))
-        if self.knots.further.shape[-1]:
+        if self.knots.further.shape[-1] or self.knots.readings.shape[-1]:
             return np.zeros_like(twist)
         twist &= np.isfinite(self.pose_covariance).all(axis=(1, 2))
         pose, of_twist = (
@@ -523,6 +529,7 @@ class Course:
     twist: Array
     slope: Array
     placed: Configuration  # of the robot in all intervals, one window after the other in each
+    knots: Knots  # of the base's own frame, as the nominal model corrects them, of which `inside` are the windows' own
 
     @property
     def spacing(self) -> float:
@@ -532,27 +539,75 @@ class Course:
 
 @dataclass(frozen=True)
 class Observation:
-    """What a sensor measures of the base's mean twist in B windows, r numbers, odometry axes."""
+    """What a sensor measures of the base's mean twist or pose in B windows, r numbers, odometry axes."""
 
     value: Array  # (B, r) weighted mean of its readings, less what joints between add; NaN where it has none
     covariance: Array  # (B, r, r) of its own noise in that, which it shares with no other sensor
     motion: Motion  # that it reads, for the unknowns
     joint_gain: Array | None = None  # (B, r, n) its derivative by the joint rates beside the base's; None: none
+    # (B, m + 1) of a sensor of the pose, the weights of its readings at a window's knots and the next; zeros where it
+    # has none
+    weights: Array | None = None
+    of_base: Array | None = None  # (B, r, 6) as of the sensor, where it depends on the motion
 
 
 class Sensor(Protocol):
-    """What measures the base's twist or a part of it, beside encoders and poses: the odometry's twist, any gyro."""
+    """What measures the base's motion beside encoders and odometry's poses: its twist, any gyro, any further pose.
+
+    A sensor of the pose returns weights with each observation; its value is by how much it reads more than the knots.
+    """
 
     @property
     def name(self) -> str:
-        """Its name: of a gyro that of its parameters."""
+        """Its name: that of its parameters."""
 
     @property
-    def of_twist(self) -> Array:
-        """What it reads of the base's twist (w, v) in odometry axes, (r, 6)."""
+    def of_base(self) -> Array:
+        """What it reads of the base's twist (w, v), or pose error (theta, rho), in odometry axes, (r, 6)."""
 
     def observed(self, attitude_sensitivity: Course, base: Motion) -> Observation:
         """Return what it measures in windows; `base` is their motion as twists are read."""
+
+
+class Reader(Protocol):
+    """Reads the messages of a named sensor."""
+
+    @property
+    def other_frame(self) -> str:
+        """The latest frame that it cannot be on; empty if there was none."""
+
+    def read(self, messages: Sequence[Any]) -> tuple[Any, Counter[str]]:
+        """Return the measurements, None if there are none, and the numbers of dropped messages by cause."""
+
+
+class Follower(Protocol):
+    """Puts the readings of a named sensor to the stamps of samples; how its stream is cut makes no difference."""
+
+    field: str  # of Samples, that its columns are in
+    on_base: bool  # whether it is a gyro that is fixed to the base
+    newest: int | None  # ns, stamp of the latest reading; None before the first
+    dropped: Counter[str]  # readings that were not used, by cause
+
+    def push(self, stream: Any) -> None:
+        """Add readings in the order of their stamps; None if there are none."""
+
+    def complete_until(self, joints: int) -> int:
+        """Return the last stamp (ns) for which nothing more is to come; `joints` is the latest stamp of these."""
+
+    def columns(self, samples: Samples, stamps: Stamps) -> Array:
+        """Return its columns (N, c) at samples, in order."""
+
+    def forget_before(self, stamp: int) -> None:
+        """Drop readings that no sample after a stamp needs."""
+
+
+class Instrument(NamedTuple):
+    """A named sensor from its messages to the filter."""
+
+    sensor: Sensor
+    reader: Reader
+    follower: Follower
+    numbers: Callable[[Any], Array]  # from N readings to the (N, k) numbers by which copies are told
 
 
 def stacked(windows: Sequence[Window]) -> list[Stack]:

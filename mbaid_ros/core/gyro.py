@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -11,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mbaid_ros.core.contracts import Course, Motion, NominalModel, Observation, Stack, Unknown, diagonal
+from mbaid_ros.core.contracts import Course, Instrument, Motion, NominalModel, Observation, Stack, Unknown, diagonal
 from mbaid_ros.core.geometry import (
     Array,
     Flags,
@@ -40,19 +39,19 @@ from mbaid_ros.core.odometry.stream import QUATERNION_TOLERANCE, orientation_onl
 from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.robot.model import Kinematics, Link, PlaneDetector, RobotModel, express
 from mbaid_ros.core.robot.momentum import MomentumKernel, inverse_inertia_and_joint_momentum
-from mbaid_ros.core.samples import ArrayRecord, BaseStream, ImuStream, Samples, Stamps, stamps_of
+from mbaid_ros.core.samples import IMU_TYPE, ArrayRecord, BaseStream, ImuStream, Input, Samples, Stamps, stamps_of
 from mbaid_ros.core.windows import Window, gradient
 from mbaid_ros.errors import ParameterError, listing
-from mbaid_ros.parameters import by_name, parameter
+from mbaid_ros.parameters import by_name, named_groups, parameter, topic_of
 
 IMU = 'imu'  # the first gyro
-# Topics that others have.
-_TAKEN = ('imu', 'joint_states', 'odom', 'pose', 'robot_description', 'stored_momentum', 'tf', 'thrust')
 SATURATED = 'IMU: angular velocity at the end of its range, or stuck'
 LARGEST_BACKLOG = 1_000_000  # measurements that wait for joints: more are memory without an end
 # Readings in a row that are the same to the last bit, and how fast (rad/s): a gyro whose range is not known is at its
 # end.
 _STUCK, _FAST = 8, 0.5
+# A gyro that is further behind the joints than that (ns) has stopped: samples wait for it no longer.
+_PATIENCE = 1_000_000_000
 _NOWHERE = -1  # index of an entry not found
 _ONCE_MORE = 256  # rotations, after which rounding is taken off: it has grown to some 1e-14 by then
 BIAS, STRETCH, TURN, CROSS, LATE = GYRO = ('gyro bias', 'gyro scale', 'gyro mount', 'gyro cross-axis', 'gyro delay')
@@ -109,12 +108,20 @@ class ImuConfig(GyroConfig):
 
 
 @dataclass(frozen=True)
+class NamedGyroConfig(GyroConfig):
+    """A gyro by name."""
+
+    use: bool = parameter(default=True)
+    """Whether it is used."""
+
+
+@dataclass(frozen=True)
 class GyrosConfig:
     """Further gyros beside that of imu, on any links."""
 
     names: tuple[str, ...] = parameter(())
     """Further gyros, each an Imu on the topic of its name; gyros.<name>.noise_density is needed."""
-    each: Mapping[str, Mapping[str, Any]] = by_name(GyroConfig, 'name')
+    each: Mapping[str, Mapping[str, Any]] = by_name(NamedGyroConfig, 'name')
 
     @property
     def without_frames(self) -> GyrosConfig:
@@ -129,26 +136,16 @@ def declared_gyros(imu: ImuConfig, further: GyrosConfig) -> dict[str, GyroConfig
     Raises ParameterError: A name is taken, given twice or no topic's, or has no noise.
     """
     found: dict[str, GyroConfig] = {IMU: imu} if imu.noise_density > 0.0 else {}
-    for name in further.names:
-        if name in _TAKEN or further.names.count(name) > 1 or not re.fullmatch(r'[A-Za-z]\w*', name, re.ASCII):
-            raise ParameterError(
-                f"parameter 'gyros.names' has '{name[:60]}'; accepted: letters, digits and underscores, each name "
-                f'once, and none of {listing(_TAKEN)}'
-            )
-        found[f'gyros.{name}'] = gyro = GyroConfig(**further.each.get(name, {}))
-        if gyro.noise_density == 0.0:
+    for name, gyro in named_groups(NamedGyroConfig, 'gyros', further.names, further.each).items():
+        if gyro.use and gyro.noise_density == 0.0:
             raise ParameterError(f"parameter 'gyros.{name}.noise_density' is 0; accepted: its noise, above 0")
-    if foreign := [name for name in further.each if name not in further.names]:
-        raise ParameterError(
-            f"parameter 'gyros.{foreign[0][:60]}' is of no gyro in 'gyros.names'; accepted: "
-            f'{listing(further.names) or "none"}'
-        )
+        found |= {f'gyros.{name}': gyro} if gyro.use else {}
     return found
 
 
-def topic_of(name: str) -> str:
-    """Return the topic of a gyro by the name of its parameters."""
-    return name.rpartition('.')[2]
+def gyro_inputs(imu: ImuConfig, further: GyrosConfig) -> dict[str, Input]:
+    """Return the topics of gyros by the names of their parameters."""
+    return {name: Input(topic_of(name), (IMU_TYPE,)) for name in declared_gyros(imu, further)}
 
 
 @dataclass(frozen=True)
@@ -176,6 +173,8 @@ class RateIntegrator:
     dropped : measurements that were not used, by cause
     """
 
+    field = 'further'
+
     def __init__(self, maximum_gap: int, largest: float = 0.0, *, on_base: bool = True) -> None:
         self.on_base = on_base
         self._maximum_gap = maximum_gap
@@ -198,6 +197,16 @@ class RateIntegrator:
         self.dropped[SATURATED] += int(np.sum(lost))
         self._integrate(stream, lost)
         self.forget_before(np.iinfo(np.int64).min)
+
+    def complete_until(self, joints: int) -> int:
+        """Return the last stamp (ns) that the rate is waited for; `joints` is the latest stamp of these."""
+        silent = joints - _PATIENCE
+        return silent if self.newest is None else max(self.newest, silent)
+
+    def columns(self, samples: Samples, stamps: Stamps) -> Array:
+        """Return the integral at samples, as `integral_at_samples` does."""
+        del samples
+        return self.integral_at_samples(stamps)
 
     def integral_at_samples(self, stamps: Stamps) -> Array:
         """Return the integral at samples, in order, (N, 3) rad: NaN in a gap, or else at the first sample after it."""
@@ -444,7 +453,7 @@ class GyroSensor:
     moved_by: Array = field(default_factory=lambda: np.zeros(0))  # (n,) 1 of each joint that moves this link, else 0
 
     @property
-    def of_twist(self) -> Array:
+    def of_base(self) -> Array:
         """The angular part."""
         return np.eye(3, 6)
 
@@ -657,6 +666,36 @@ def imu_link(
             why = ', which moves with the target' if carried[links[given].body] else ", and 'imu.alone' is true"
         raise ParameterError(f"parameter '{name}.frame' is '{given}'{why}; accepted: {listing(accepted)}")
     return links[given] if links[given].body else None
+
+
+def gyro_instruments(
+    gyros: Mapping[str, GyroConfig],
+    sensors: Sequence[GyroSensor],
+    model: RobotModel,
+    frame_prefix: str,
+    orientation_std: float,
+    maximum_gap: int,
+) -> list[Instrument]:
+    """Return the readers and integrators of gyros, by the names of their parameters.
+
+    Parameters
+    ----------
+    frame_prefix, orientation_std : as of `imu_reader`
+    maximum_gap : as of `RateIntegrator`
+    """
+    return [
+        Instrument(
+            sensor,
+            imu_reader(gyros[sensor.name], sensor, model, frame_prefix, orientation_std),
+            RateIntegrator(maximum_gap, gyros[sensor.name].range, on_base=sensor.link is None),
+            _numbers,
+        )
+        for sensor in sensors
+    ]
+
+
+def _numbers(stream: ImuStream) -> Array:
+    return np.concatenate((stream.angular_velocity, stream.rotation.reshape(len(stream.stamp), -1)), axis=1)
 
 
 def imu_reader(

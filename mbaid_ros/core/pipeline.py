@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
-from mbaid_ros.core.contracts import Check, Force
+from mbaid_ros.core.contracts import Check, Follower, Force
 from mbaid_ros.core.filter.posterior import Posterior
 from mbaid_ros.core.geometry import Array, exp, log
 from mbaid_ros.core.gyro import RateIntegrator
@@ -25,15 +25,13 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.noise_levels import NoiseLevels
 from mbaid_ros.core.results.verdict import Reason, notes, with_reasons
 from mbaid_ros.core.robot.model import RobotModel
-from mbaid_ros.core.samples import FEWEST, BaseStream, ImuStream, JointStream, Samples, Stamps, with_rates
+from mbaid_ros.core.samples import FEWEST, BaseStream, JointStream, Samples, Stamps, with_rates
 from mbaid_ros.core.streams import LARGEST_BACKLOG, Found, StampPattern, Windows
 from mbaid_ros.tasks import Tasks
 
 OUT_OF_ORDER = 'stamp not after the one before'
 NO_ODOMETRY = 'no odometry around the stamp'
 ODOMETRY_GAP = 'gap in the odometry'
-# A gyro that is further behind the joints than that (ns) has stopped: samples wait for it no longer.
-_PATIENCE = 1_000_000_000
 _BEFORE_ALL = np.iinfo(np.int64).min
 _TYPICAL_NOISE = 1e-4  # rad or m, of joint positions of which nothing is declared
 Stream = TypeVar('Stream', JointStream, BaseStream)
@@ -53,7 +51,7 @@ ORIENTATION_AND_GYRO = (
 )
 POSES_AND_GYRO = 'no twist of the base: the poses and the angular velocity of the IMU are used'
 WITHOUT_GYRO = 'the angular velocity of the IMU is not used: method trajectory uses it'
-NO_IMU: Mapping[str, ImuStream | None] = {}
+NOTHING: Mapping[str, Any] = {}
 _ZEROS = 10  # poses of zeros, from which tracking had not begun
 _POSITION, _ORIENTATION = 1e-3, 1e-4  # m, rad, noise of the base's poses
 _CERTAIN = 1e6  # log-likelihood that such a cause counts as: more than a filter finds for any other
@@ -67,7 +65,7 @@ class Synchroniser:
     ----------
     maximum_gap : s, longest time between two odometry stamps that is interpolated
     view : transforms measurements of the base to an inertial frame, if that of the odometry is none
-    gyros : integrate the rates of gyros, by name; samples then wait for them
+    followers : of named sensors' readings, by name; samples then wait for them
     noise : receives the readings that are used
     """
 
@@ -75,12 +73,13 @@ class Synchroniser:
         self,
         maximum_gap: float,
         view: Callable[[BaseStream], BaseStream] | None = None,
-        gyros: Mapping[str, RateIntegrator] | None = None,
+        followers: Mapping[str, Follower] | None = None,
         noise: NoiseEstimator | None = None,
     ) -> None:
         self._noise = noise
         self._view = view
-        self._gyros = gyros or {}
+        self._followers = followers or {}
+        self._gyros = [each for each in self._followers.values() if isinstance(each, RateIntegrator)]
         self._maximum_gap = round(maximum_gap * 1e9)
         self._joints: JointStream | None = None
         self._base: BaseStream | None = None
@@ -98,8 +97,8 @@ class Synchroniser:
     def dropped(self) -> Counter[str]:
         """Measurements that were not used, by cause."""
         gates = (self._repeats, self._outliers, self._held, self._joint_outliers)
-        gyros = sum((gyro.dropped for gyro in self._gyros.values()), self._dropped)
-        return +sum((gate.dropped for gate in gates), gyros)
+        followers = sum((each.dropped for each in self._followers.values()), self._dropped)
+        return +sum((gate.dropped for gate in gates), followers)
 
     @property
     def outlying_joint(self) -> int | None:
@@ -118,9 +117,9 @@ class Synchroniser:
         return self._origin or 0
 
     def push(
-        self, joints: JointStream | None, base: BaseStream | None, imus: Mapping[str, ImuStream | None] = NO_IMU
+        self, joints: JointStream | None, base: BaseStream | None, named: Mapping[str, Any] = NOTHING
     ) -> Samples | None:
-        """Add measurements, of gyros by name; return the samples that they complete, None if there are none.
+        """Add measurements, of further sensors by name; return the samples that they complete, None if there are none.
 
         Stamps not after their predecessor in the stream are dropped and counted; so are repeated poses and outliers.
         """
@@ -135,8 +134,8 @@ class Synchroniser:
         self._base = self._append(self._base, new)
         if self._noise is not None:
             self._noise.add_readings(joints, new)
-        for name, gyro in self._gyros.items():
-            gyro.push(imus.get(name))
+        for name, follower in self._followers.items():
+            follower.push(named.get(name))
         if self._joints is None or self._base is None:
             return None
         waiting, known = self._joints.stamp, self._base.stamp
@@ -152,19 +151,19 @@ class Synchroniser:
         pending = min([pending, *(stamp for stamp in held_back if stamp is not None)])
         first = max(int(np.searchsorted(known, pending, side='right')) - 2, 0)
         self._base = self._base[first:]
-        for gyro in self._gyros.values():
-            gyro.forget_before(int(self._base.stamp[0]))
+        for follower in self._followers.values():
+            follower.forget_before(int(self._base.stamp[0]))
         return samples
 
     def _measured_until(self, base: Stamps) -> int:
-        """Return the last stamp of the base (N,) up to which the gyros are known, too; the least integer if none."""
-        if not self._gyros:
-            return int(base[-1])
-        silent = self._newest[JointStream] - _PATIENCE
-        newest = min(silent if gyro.newest is None else max(gyro.newest, silent) for gyro in self._gyros.values())
-        # Samples between two of the base need the gyros until the second.
-        place = int(np.searchsorted(base, newest, side='right'))
-        return int(base[place - 1]) if place else _BEFORE_ALL
+        """Return the last stamp of the base (N,) up to which all sensors are known; the least integer if none."""
+        newest, until = self._newest[JointStream], int(base[-1])
+        of_gyros = [each.complete_until(newest) for each in self._gyros]
+        if of_gyros:
+            # Samples between two of the base need the gyros until the second.
+            place = int(np.searchsorted(base, min(of_gyros), side='right'))
+            until = int(base[place - 1]) if place else _BEFORE_ALL
+        return min([until, *(each.complete_until(newest) for each in self._followers.values())])
 
     def _new_measurements(self, new: Stream | None) -> Stream | None:
         """Return the measurements whose stamps are after all earlier ones of their stream."""
@@ -210,11 +209,11 @@ class Synchroniser:
             self._origin = int(joints.stamp[0])
         time = (joints.stamp - self._origin) * 1e-9
         samples = replace(hermite(joints, base, (left, right), self._maximum_gap, time, shared), apart=apart)
-        if not self._gyros:
-            return samples
-        integrals = [gyro.integral_at_samples(joints.stamp) for gyro in self._gyros.values()]
-        samples = replace(samples, further=np.concatenate(integrals, axis=1))
-        on_base = next((gyro for gyro in self._gyros.values() if gyro.on_base), None)
+        for name in ('further', 'readings'):
+            columns = [each.columns(samples, joints.stamp) for each in self._followers.values() if each.field == name]
+            if columns:
+                samples = replace(samples, **{name: np.concatenate(columns, axis=1)})
+        on_base = next((gyro for gyro in self._gyros if gyro.on_base), None)
         if on_base is None:
             return samples
         return replace(samples, base_rotation=_by_gyro(on_base, samples, joints.stamp, base, (left, right)))
@@ -302,7 +301,7 @@ class Identifier:
     forces : known changes of the momentum, in the order in which they are added to windows
     noise : follows how noisy the sensors are; None takes it as declared
     view : from odometry to the frame in which it is used; None: as it is
-    gyros : integrate the rates of gyros, by name
+    followers : of named sensors' readings, by name
     """
 
     def __init__(
@@ -315,10 +314,10 @@ class Identifier:
         noise: NoiseEstimator | None = None,
         *,
         view: Callable[[BaseStream], BaseStream] | None = None,
-        gyros: Mapping[str, RateIntegrator] | None = None,
+        followers: Mapping[str, Follower] | None = None,
     ) -> None:
         self.estimator = estimator
-        self.synchroniser = Synchroniser(maximum_gap, view, gyros, noise)
+        self.synchroniser = Synchroniser(maximum_gap, view, followers, noise)
         self._windows = Windows(window)
         self._noise = noise
         self._levels: dict[float, NoiseLevels] = {}  # by the end of the latest windows, s
@@ -345,10 +344,10 @@ class Identifier:
         return self._dropped + self.synchroniser.dropped
 
     def push(
-        self, joints: JointStream | None, base: BaseStream | None, imus: Mapping[str, ImuStream | None] = NO_IMU
+        self, joints: JointStream | None, base: BaseStream | None, named: Mapping[str, Any] = NOTHING
     ) -> list[Estimate]:
-        """Take measurements of any kind, of gyros by name, and return the estimates of the windows they close."""
-        samples = self.synchroniser.push(joints, base, imus)
+        """Take measurements, of further sensors by name, and return the estimates of the windows they close."""
+        samples = self.synchroniser.push(joints, base, named)
         if samples is None:
             return []
         self.used += len(samples)

@@ -7,7 +7,7 @@ import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from typing import Any, ClassVar, Generic, Literal, TypeVar
+from typing import Any, ClassVar, Generic, Literal, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,7 @@ _WORST_CONDITION = 1e4
 FEWEST = 2  # samples that a rate can be taken from
 JOINT_STATE_TYPE = 'sensor_msgs/msg/JointState'
 ODOMETRY_TYPE = 'nav_msgs/msg/Odometry'
+IMU_TYPE = 'sensor_msgs/msg/Imu'
 ENCAPSULATION = b'\x00\x01'  # plain CDR, little-endian
 _BODY = 4  # where the message begins
 _HEADER = 12  # where the message goes on after its stamp
@@ -47,6 +48,14 @@ LOST_TRACKING = 'tracking of the base lost, a pose of zeros'
 POSE_COVARIANCE = 'covariance of the pose is none'
 TWIST_COVARIANCE = 'covariance of the twist is none'
 Source = Literal['odom', 'pose', 'tf']
+
+
+class Input(NamedTuple):
+    """A topic that a named sensor speaks on, and the message types that it may have."""
+
+    topic: str
+    types: tuple[str, ...]
+    slow: bool = False  # whether a second or more between two messages is no gap
 
 
 class ArrayRecord:
@@ -137,10 +146,12 @@ class Samples(ArrayRecord):
     # (N, 30 f) derivatives of the change of (P, L) by known thrust, L about the odometry's origin, by the errors of f
     # thrusters: scale, turn, delay (6 x 5, rows first); none by default
     thrust: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    # (N, c) of the sensors beside encoders and odometry, each in columns of its own: of a gyro, (3,) rad, the integral
-    # of its angular velocity since it began, in base axes, or, if joints move its link, in those of that link; NaN
-    # where unknown, (N, 0) without any
+    # (N, c) integrals of the gyros, each in columns of its own: (3,) rad, of its angular velocity since it began, in
+    # base axes, or, if joints move its link, in those of that link; NaN where unknown, (N, 0) without any
     further: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    # (N, c) sums over the readings of sensors with stamps of their own, since the sample before, each in columns of
+    # its own; zeros where a sensor has read nothing, (N, 0) without any
+    readings: Array = field(default_factory=lambda: np.zeros((0, 0)))
     # (N,) s, between the poses, or between the samples if these are further apart; 0 where unknown
     apart: Array = field(default_factory=lambda: np.zeros(0))
     # (N, 3) estimated standard deviations of joint positions and velocities, and correlation time of the poses' errors
@@ -153,7 +164,7 @@ class Samples(ArrayRecord):
             object.__setattr__(self, 'impulse', np.zeros((len(self.time), 6)))
         if len(self.apart) != len(self.time):
             object.__setattr__(self, 'apart', np.zeros(len(self.time)))
-        for name in ('stored', 'gravity_columns', 'thrust', 'further', 'noise'):
+        for name in ('stored', 'gravity_columns', 'thrust', 'further', 'readings', 'noise'):
             if len(getattr(self, name)) != len(self.time):
                 object.__setattr__(self, name, np.zeros((len(self.time), 0)))
         if self.joint_rate_gain.shape != self.joint_velocity.shape:

@@ -145,6 +145,7 @@ class Declared:
     total_mass: WeighedMass | None = None  # where the whole robot was weighed
     marker: PlacedFrame | None = None  # that the odometry locates; None for the base link or another link
     sensors: tuple[Sensor, ...] = ()  # of the base's motion beside encoders and odometry
+    odometry: bool = True  # whether the base's poses count by themselves; else the sensors' readings, of which they are
 
     def with_links(self, links: Unknown) -> Declared:
         """Return the same with these errors of known links."""
@@ -181,6 +182,7 @@ class Layout:
     # (3, 6) the equations that hold for a planar motion, as `PlaneDetector.equation_selection`; None in space
     plane: Array | None = None
     sensors: tuple[Sensor, ...] = ()  # of the base's motion beside encoders and odometry
+    odometry: bool = True  # as of Declared
 
     @staticmethod
     def from_unknowns(
@@ -353,7 +355,7 @@ def layout_of(kernel: MomentumKernel, declared: Declared, detector: PlaneDetecto
         known = known and known.of([in_plane_map(*pair) for pair in zip(unknowns, seen, strict=True)])
         unknowns = seen
     layout = Layout.from_unknowns(kernel, unknowns, known, detector.equation_selection() if detector.planar else None)
-    return replace(layout, sensors=declared.sensors)
+    return replace(layout, sensors=declared.sensors, odometry=declared.odometry)
 
 
 @dataclass(frozen=True, eq=False)
@@ -395,14 +397,14 @@ class Variables:
         return len(self.measured)
 
     @cached_property
-    def of_twist(self) -> Array:
-        """What all r numbers of the twist and of further sensors are of the base's twist (w, v), (r, 6)."""
-        return np.concatenate([np.eye(6), *(sensor.of_twist for sensor in self.sensors)])
+    def of_base(self) -> Array:
+        """What all r numbers of the twist and of further sensors are of the base's twist or pose error, (r, 6)."""
+        return np.concatenate([np.eye(6), *(sensor.of_base for sensor in self.sensors)])
 
     @cached_property
     def rate_combinations(self) -> tuple[Array, ...]:
         """Combinations (k, r) of what the twist and each further sensor measures that hold in the plane."""
-        seen = [self.measured @ sensor.of_twist.T for sensor in self.sensors]
+        seen = [self.measured @ sensor.of_base.T for sensor in self.sensors]
         return (self.measured, *(each[each.any(axis=1)] for each in seen))
 
     @cached_property

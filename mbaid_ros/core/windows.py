@@ -50,6 +50,13 @@ class Knots(ArrayRecord):
     # (J, 36) where the gyro alone measures the orientation: its error since the run began, odometry axes, by each error
     # of the gyro (3 x 12, rows first): bias, scale, turn, cross-axis; none where it is measured
     attitude_sensitivity: Array
+    # (J, 2, c) as in Samples, sums over the first and the second half of a knot's time
+    readings: Array = field(default_factory=lambda: np.zeros((0, 2, 0)))
+
+    def __post_init__(self) -> None:
+        """Fill in the default."""
+        if self.readings.shape[: self.spread.ndim] != self.spread.shape:
+            object.__setattr__(self, 'readings', np.zeros((*self.spread.shape, 2, 0)))
 
     @property
     def empty(self) -> Flags:
@@ -109,7 +116,28 @@ def averages(windows: Sequence[Samples], starts: Array, spacing: float, count: i
         thrust=mean(_columns_about(joined('thrust'), origin, THRUSTER_ERRORS)),
         further=mean(joined('further')),
         attitude_sensitivity=np.zeros((len(sizes), 0)),
+        readings=_halves(joined('readings'), stamps - starts[window], window * count, spacing, len(sizes)),
     )
+
+
+def _halves(readings: Array, time: Array, begin: Integers, spacing: float, knots: int) -> Array:
+    """Return sums (J, 2, c) over the halves of J knots, by the samples (N, c) that hold them.
+
+    Parameters
+    ----------
+    time, begin : (N,) s, of the samples since their window began, and the number of its first knot
+    spacing : s, between knots
+    """
+    sums = np.zeros((2 * knots, readings.shape[1]))
+    if readings.shape[1]:
+        half = 2 * begin + np.maximum(np.floor((time + 1e-9) / (0.5 * spacing)).astype(int), 0)
+        np.add.at(sums, np.minimum(half, 2 * knots - 1), readings)
+    return sums.reshape(knots, 2, -1)
+
+
+def knot_poses(knots: Knots) -> tuple[Array, Array]:
+    """Return orientation (J, ..., 3, 3) and position (J, ..., 3), m, at the centres of knots, as of `midpoints`."""
+    return _centre_rotation(knots), _centre(knots.base_position, knots)
 
 
 def at_the_base(knots: Knots, mount: Array) -> Knots:
@@ -129,6 +157,8 @@ def bridged(knots: Knots) -> Knots:
         around = index + (np.array([-2, -1, 1, 2]) if far else np.array([-1, 1]))
         weights = _CUBIC if far else _LINEAR
         for name, value in values.items():
+            if name == 'readings':
+                continue  # an empty knot has none
             if name == 'base_rotation':
                 back = value[index - 1].T
                 value[index] = exp(weights @ log(value[around] @ back)) @ value[index - 1]

@@ -18,19 +18,28 @@ from nav_msgs.msg import Odometry
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from sensor_msgs.msg import Imu, JointState
+from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.config.parameter_files import read_robot_description
 from mbaid_ros.core.links import KnownLinksConfig
+from mbaid_ros.core.samples import IMU_TYPE, Input
 from mbaid_ros.core.target import DebrisConfig
 from mbaid_ros.errors import DataError, MbaidError
 from mbaid_ros.nodes.diagnostics import Diagnostics, RunState
 from mbaid_ros.nodes.publishers import EstimatePublication, RunLog
 from mbaid_ros.nodes.runner import Interrupt, declare_parameters, spin
-from mbaid_ros.nodes.subscriptions import DescriptionSubscription, Subscriptions, qos, quiet_publisher, tf_message
+from mbaid_ros.nodes.subscriptions import (
+    DescriptionSubscription,
+    Subscriptions,
+    message_class,
+    qos,
+    quiet_publisher,
+    tf_message,
+)
+from mbaid_ros.session.catalogue import inputs
 from mbaid_ros.session.explanation import remarks
 from mbaid_ros.session.planning import advice  # at the start: an import in a run would delay estimates
 from mbaid_ros.session.session import Session
@@ -70,11 +79,10 @@ class EstimatorNode(Node):
             **self._base_subscriptions(),
         }
         self._thrust = Subscriptions(self, WrenchStamped, 'thrust', self._on_thrust)
-        self._imu = self._inputs.get('imu') or Subscriptions(self, Imu, 'imu', partial(self._add, Session.add_imu))
-        self._gyros = [
-            Subscriptions(self, Imu, name, partial(self._add, partial(Session.add_imu, name=f'gyros.{name}')))
-            for name in self._config.gyros.names
-        ]
+        named = inputs(self._config)
+        named.pop('imu', None)
+        self._named = {name: self._named_subscription(name, each) for name, each in named.items()}
+        self._named['imu'] = self._inputs.get('imu') or self._named_subscription('imu', Input('imu', (IMU_TYPE,)))
         self._stored_momentum = Subscriptions(
             self, Vector3Stamped, 'stored_momentum', partial(self._add, Session.add_stored_momentum)
         )
@@ -95,7 +103,9 @@ class EstimatorNode(Node):
     def _base_subscriptions(self) -> dict[str, Subscriptions]:
         """Return the subscriptions that may locate the base, or replace that."""
         if self._config.imu.alone:
-            return {'imu': Subscriptions(self, Imu, 'imu', partial(self._add, Session.add_imu))}
+            return {'imu': self._named_subscription('imu', Input('imu', (IMU_TYPE,)))}
+        if self._config.poses.alone:
+            return {}
         if self._config.pose.tf_child_frame:
             return {'tf': Subscriptions(self, tf_message(), '/tf', partial(self._add, Session.add_odometry))}
         others = (PoseWithCovarianceStamped, TransformStamped)
@@ -104,8 +114,15 @@ class EstimatorNode(Node):
             'pose': Subscriptions(self, PoseStamped, 'pose', partial(self._add, Session.add_odometry), others),
         }
 
+    def _named_subscription(self, name: str, given: Input) -> Subscriptions:
+        """Return the subscription of a sensor by the name of its parameters."""
+        first, *others = map(message_class, given.types)
+        return Subscriptions(
+            self, first, given.topic, partial(self._add, partial(Session.add_named, name=name)), others
+        )
+
     def _all_subscriptions(self) -> set[Subscriptions]:
-        return {*self._inputs.values(), self._thrust, self._stored_momentum, self._imu, *self._gyros}
+        return {*self._inputs.values(), self._thrust, self._stored_momentum, *self._named.values()}
 
     # Robot description
 
@@ -118,7 +135,7 @@ class EstimatorNode(Node):
             return
         # Names of links, and files of a robot, can only be checked with the robot.
         config = replace(self._config, base_link='', target_link='', debris=DebrisConfig())
-        config = replace(config, imu=replace(config.imu, frame=''), gyros=config.gyros.without_frames)
+        config = config.without_frames
         Session(replace(config, known_links=KnownLinksConfig(), continue_from=''), _ANY_ROBOT)
 
     def _on_description(self, message: String) -> None:

@@ -22,10 +22,10 @@ from mbaid_ros.config.recorder_parameters import RecorderConfig
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.nodes.runner import Interrupt, declare_parameters
 from mbaid_ros.nodes.subscriptions import message_class, qos, why_no_topic
+from mbaid_ros.parameters import INPUT_TOPICS
 
 NAME = 'recorder'
 
-_INPUTS = ('joint_states', 'odom', 'pose', 'imu', 'thrust', 'stored_momentum', 'robot_description')
 _OUTPUT_TYPES = ('geometry_msgs/msg/InertiaStamped', 'diagnostic_msgs/msg/DiagnosticArray')
 _DISCOVERY_PERIOD = 0.1  # s
 _FLUSH_PERIOD = 1.0  # s, longest loss if the machine fails; a tenth of its age of a younger recording
@@ -44,7 +44,7 @@ class RecorderNode(Node):
         super().__init__(NAME)
         self._log = self.get_logger()  # type: ignore[no-untyped-call]
         self._config = declare_parameters(self, RecorderConfig)
-        self._wanted = [self._resolved(topic) for topic in self._config.topics or _INPUTS]
+        self._wanted = [self._resolved(topic) for topic in self._config.topics or INPUT_TOPICS]
         self._subscriptions_of: dict[str, Subscription] = {}
         self._offers: dict[str, tuple[bool, bool]] = {}
         self._refused: set[str] = set()

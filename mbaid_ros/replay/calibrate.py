@@ -112,7 +112,7 @@ def _settings(kernel: MomentumKernel, estimator: EstimatorConfig) -> Calibration
             total_mass=None if total is None else replace(total, with_target=True),
         ),
         window=estimator.window,
-        orientation_measured=not estimator.imu.alone or estimator.imu.orientation,
+        orientation_measured=estimator.oriented,
     )
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
 from math import inf
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from mbaid_ros.errors import DataError, ParameterError
 if TYPE_CHECKING:  # `--help` needs the defaults alone
     from mbaid_ros.bags import BagReader, Batch
     from mbaid_ros.config.estimator_parameters import EstimatorConfig
+    from mbaid_ros.core.samples import Input
     from mbaid_ros.session.session import Session
 
 JOINT_STATE_TYPE = 'sensor_msgs/msg/JointState'
@@ -55,7 +56,7 @@ class Inputs:
     thrust: str = ''
     stored_momentum: str = ''
     imu: str = ''
-    gyros: tuple[str, ...] = ()  # names of further ones, on the topics of these names where a bag has them
+    named: Mapping[str, Input] = field(default_factory=dict)  # further sensors, read where a bag has their topics
     located: bool = True  # whether anything locates the base; else an IMU has to be there
     # start, end: s from a bag's first message, between which it is read
     start: float = 0.0
@@ -76,11 +77,15 @@ class Inputs:
             raise ParameterError(
                 f'--odom {arguments.odom} and --pose {arguments.pose} are given; accepted: one of them'
             )
+        from mbaid_ros.session.catalogue import inputs  # noqa: PLC0415 - `--help` needs the defaults alone
+
         base = arguments.odom or arguments.pose or (TF if config.pose.tf_child_frame else '')
         others = arguments.thrust, arguments.stored_momentum, arguments.imu
         start, end = between(arguments)
-        located, gyros = not config.imu.alone, config.gyros.names
-        return Inputs(arguments.joint_states, base, *others, gyros=gyros, located=located, start=start, end=end)
+        named = {name: each for name, each in inputs(config).items() if name != 'imu'}
+        return Inputs(
+            arguments.joint_states, base, *others, named=named, located=config.by_odometry, start=start, end=end
+        )
 
     def resolved(self, bag: BagReader) -> Inputs:
         """Return the same with the topic of a bag that locates the base.
@@ -108,29 +113,29 @@ class Inputs:
         if self.located:
             chosen.append(self.resolved(bag).odometry)
             bag.require(chosen[-1], ODOMETRY_TYPE, *POSE_TYPES)
-        else:
+        elif not self.named:
             bag.require(self.imu or IMU, IMU_TYPE)
-        for wanted, usual, kind in (
-            (self.thrust, THRUST, THRUST_TYPE),
-            (self.stored_momentum, STORED_MOMENTUM, STORED_MOMENTUM_TYPE),
-            (self.imu, IMU, IMU_TYPE),
-            *(('', f'/{name}', IMU_TYPE) for name in self.gyros),
+        for wanted, usual, kinds in (
+            (self.thrust, THRUST, (THRUST_TYPE,)),
+            (self.stored_momentum, STORED_MOMENTUM, (STORED_MOMENTUM_TYPE,)),
+            (self.imu, IMU, (IMU_TYPE,)),
+            *(('', f'/{each.topic}', each.types) for each in self.named.values()),
         ):
             if wanted:
-                bag.require(wanted, kind)
-            if wanted or (usual in bag.topics and bag.topics[usual].type == kind):
+                bag.require(wanted, *kinds)
+            if wanted or (usual in bag.topics and bag.topics[usual].type in kinds):
                 chosen.append(wanted or usual)
         return tuple(chosen)
 
     def add_to(self, session: Session, messages: Batch) -> None:
         """Hand messages of the topics to a session, many at once where their order allows it."""
         thrust, stored = self.thrust or THRUST, self.stored_momentum or STORED_MOMENTUM
-        imus = {'imu': self.imu or IMU, **{f'gyros.{name}': f'/{name}' for name in self.gyros}}
+        named = {'imu': self.imu or IMU, **{name: f'/{each.topic}' for name, each in self.named.items()}}
         add: dict[str, Callable[[Any], object]] = {
             self.joint_states: session.add_joint_state,
             self.odometry: session.add_odometry,
             stored: session.add_stored_momentum,
-            **{topic: partial(session.add_imu, name=name) for name, topic in imus.items()},
+            **{topic: partial(session.add_named, name=name) for name, topic in named.items()},
         }
         for part in messages.runs(thrust):
             if thrust in part.messages:
@@ -139,7 +144,7 @@ class Inputs:
             elif session.add_at_once(
                 part.on_topic(self.joint_states),
                 part.on_topic(self.odometry),
-                {name: part.on_topic(topic) for name, topic in imus.items()},
+                {name: part.on_topic(topic) for name, topic in named.items()},
             ):
                 for message in part.on_topic(stored):
                     session.add_stored_momentum(message)

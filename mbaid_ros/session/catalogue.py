@@ -6,14 +6,23 @@ is the state's, and of causes that explain a run equally well the first is named
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.clocks import clock_drift, declared_drift, declared_offset, joints_stamped_late
-from mbaid_ros.core.contracts import UNDISTURBED, ConventionFactory, Hypothesis, PlacedFrame, Unknown, uncertain
+from mbaid_ros.core.contracts import (
+    UNDISTURBED,
+    ConventionFactory,
+    Hypothesis,
+    Instrument,
+    PlacedFrame,
+    Sensor,
+    Unknown,
+    uncertain,
+)
 from mbaid_ros.core.forces import (
     BODY_FORCE,
     INERTIAL_FORCES,
@@ -21,7 +30,14 @@ from mbaid_ros.core.forces import (
     declared_thrusters,
     drifting_momentum,
 )
-from mbaid_ros.core.gyro import GyroSensor, declared_gyro, declared_gyros, gyro_sensors
+from mbaid_ros.core.gyro import (
+    GyroSensor,
+    declared_gyro,
+    declared_gyros,
+    gyro_inputs,
+    gyro_instruments,
+    gyro_sensors,
+)
 from mbaid_ros.core.joints.faults import joints_in_degrees, reversed_joints, swapped_joints
 from mbaid_ros.core.joints.model import declared_placements, declared_tracking, geared_joints
 from mbaid_ros.core.links import known_bodies, mistaken_masses
@@ -41,14 +57,16 @@ from mbaid_ros.core.odometry.model import (
 )
 from mbaid_ros.core.orbit import declared_gravity, declared_orbit_shape
 from mbaid_ros.core.passive.model import declared_springs
+from mbaid_ros.core.poses import declared_poses, pose_inputs, pose_instruments, pose_sensors
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.momentum import MomentumKernel
+from mbaid_ros.core.samples import BaseStream, Input
 from mbaid_ros.core.state import Declared
 from mbaid_ros.core.target import declared_linear_momentum, declared_target, other_targets
 from mbaid_ros.core.wheels import declared_wheels
 
 
-def unknowns(config: EstimatorConfig, kernel: MomentumKernel, sensors: Sequence[GyroSensor]) -> tuple[Unknown, ...]:
+def unknowns(config: EstimatorConfig, kernel: MomentumKernel) -> tuple[Unknown, ...]:
     """Return all unknowns of the nominal model but the exact ones; those that are only read come last.
 
     Raises ModelError, ParameterError: The parameters name what the robot has not, or contradict each other.
@@ -56,9 +74,8 @@ def unknowns(config: EstimatorConfig, kernel: MomentumKernel, sensors: Sequence[
     Parameters
     ----------
     kernel : of the robot, with the errors of its known bodies
-    sensors : the gyros in use
     """
-    model, located = kernel.model, not config.imu.alone
+    model, located, odometry = kernel.model, config.located, config.by_odometry
     gyros = declared_gyros(config.imu, config.gyros)
     return uncertain(
         known_bodies(model, kernel.errors, kernel.known),
@@ -67,26 +84,57 @@ def unknowns(config: EstimatorConfig, kernel: MomentumKernel, sensors: Sequence[
         declared_thrusters(config.thrust, model),
         declared_tracking(config.known_joints, model),
         *declared_springs(config.flexible, kernel),
-        declared_mount(config.odometry_mount, located=located),
-        *(declared_gyro(gyros[sensor.name], sensor) for sensor in sensors),
+        declared_mount(config.odometry_mount, located=odometry),
+        *(declared_gyro(gyros[sensor.name], sensor) for sensor in _gyro_sensors(config, model)),
+        *declared_poses(config.poses),
         declared_offset(config.time_offset),
         declared_drift(config.time_offset),
-        declared_scale(config.odometry, located=located),
-        declared_twist_bias(config.odometry, located=located),
-        declared_turning(config.odometry, located=located),
+        declared_scale(config.odometry, located=odometry),
+        declared_twist_bias(config.odometry, located=odometry),
+        declared_turning(config.odometry, located=odometry),
         declared_gravity(config.orbit, located=located),
         *declared_disturbances(config.disturbance, config.orbit, config.window, located=located),
         *declared_orbit_shape(config.orbit),
     )
 
 
-def sensors(config: EstimatorConfig, model: RobotModel) -> tuple[GyroSensor, ...]:
-    """Return what measures the base's motion beside encoders and odometry.
+def inputs(config: EstimatorConfig) -> dict[str, Input]:
+    """Return the topics of named sensors in use, by the names of their parameters.
 
-    Raises ParameterError: As of `gyro_sensors` and `declared_gyros`.
+    Raises ParameterError: A name cannot be used.
     """
+    return gyro_inputs(config.imu, config.gyros) | pose_inputs(config.poses)
+
+
+def _gyro_sensors(config: EstimatorConfig, model: RobotModel) -> tuple[GyroSensor, ...]:
     gyros = declared_gyros(config.imu, config.gyros)
     return gyro_sensors(gyros, model, config.target_link, config.frame_prefix)
+
+
+def sensors(config: EstimatorConfig, model: RobotModel) -> tuple[Sensor, ...]:
+    """Return what measures the base's motion beside encoders and odometry.
+
+    Raises ParameterError: A sensor cannot be where the parameters place it.
+    """
+    return (*_gyro_sensors(config, model), *pose_sensors(config.poses, model, config.frame_prefix))
+
+
+def instruments(
+    config: EstimatorConfig, model: RobotModel, view: Callable[[BaseStream], BaseStream] | None = None
+) -> dict[str, Instrument]:
+    """Return the same sensors from their messages on, by the names of their parameters.
+
+    Parameters
+    ----------
+    view : from the odometry to the frame in which it is used; None: as it is
+    """
+    gap, prefix = round(config.maximum_gap * 1e9), config.frame_prefix
+    gyros, noise = declared_gyros(config.imu, config.gyros), config.noise.declared.base_orientation
+    found = (
+        *gyro_instruments(gyros, _gyro_sensors(config, model), model, prefix, noise, gap),
+        *pose_instruments(config.poses, model, prefix, gap, view),
+    )
+    return {each.sensor.name: each for each in found}
 
 
 def declaration(config: EstimatorConfig, kernel: MomentumKernel) -> Declared:
@@ -94,13 +142,13 @@ def declaration(config: EstimatorConfig, kernel: MomentumKernel) -> Declared:
 
     Raises ModelError, ParameterError: As of `unknowns`; or half of a prior is missing.
     """
-    found = sensors(config, kernel.model)
     return Declared(
-        unknowns(config, kernel, found),
+        unknowns(config, kernel),
         target=declared_target(config.target_prior),
-        linear_momentum=declared_linear_momentum(config.momentum, located=not config.imu.alone),
+        linear_momentum=declared_linear_momentum(config.momentum, located=config.located),
         marker=marker_frame(config.marker),
-        sensors=found,
+        sensors=sensors(config, kernel.model),
+        odometry=not config.poses.alone,
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from mbaid_ros.core.forces import FAR_THRUST, UNKNOWN_FRAME
-from mbaid_ros.core.gyro import IMU, IMU_FRAME, topic_of
+from mbaid_ros.core.gyro import IMU, IMU_FRAME
 from mbaid_ros.core.joints.stream import PARTNER_GAP
 from mbaid_ros.core.outliers import JOINT_OUTLIER, JOINTS_HELD, OUTLIER, REPEATED_POSE
 from mbaid_ros.core.pipeline import NO_ODOMETRY, ODOMETRY_GAP, RATE_MISSING
@@ -21,6 +21,7 @@ from mbaid_ros.core.samples import (
 from mbaid_ros.core.streams import LATE, OTHER_CLOCK, ZERO_STAMP
 from mbaid_ros.core.wheels import OTHER_MOMENTUM_FRAME
 from mbaid_ros.errors import listing
+from mbaid_ros.parameters import topic_of
 from mbaid_ros.session.session import JOINTS, ODOMETRY, OTHER_SOURCE, REORDER_TIME, SPOKEN, Session
 
 
@@ -101,8 +102,9 @@ def obstacles(session: Session, *, stuck: bool = True) -> list[str]:
             if 2 * count > received[topic]:
                 found.append(f'{field} is NaN or infinite in {count} of {received[topic]} messages: look at its driver')
     found += [
-        f'{name}.noise_density is set, and nothing comes on {topic_of(name)}'
-        for name in intake.imu_readers
+        f'{name}{".noise_density is set" if each.follower.field == "further" else " is used"}, and nothing comes on '
+        f'{topic_of(name)}'
+        for name, each in intake.instruments.items()
         if received[JOINTS] and not received[name]
     ]
     if session.config.imu.orientation and received[IMU] and not intake.orientation_measured:
@@ -187,7 +189,7 @@ def _links_on_base(session: Session) -> list[str]:
 
 
 def _imu_frame(session: Session) -> str:
-    found = {name: reader.other_frame[:60] for name, reader in session.intake.imu_readers.items()}
+    found = {name: each.reader.other_frame[:60] for name, each in session.intake.instruments.items()}
     name = next((name for name, frame in found.items() if frame), IMU)
     accepted = listing(_links_on_base(session))
     return f"it is '{found.get(name, '')}'; accepted: {accepted}; or name it by {name}.frame, also one that joints move"
@@ -196,6 +198,8 @@ def _imu_frame(session: Session) -> str:
 def _other_source(session: Session) -> str:
     if session.config.imu.alone:
         return 'imu.alone is true: the IMU alone is used'
+    if session.config.poses.alone:
+        return 'poses.alone is true: odom and pose are not used'
     if session.config.pose.tf_child_frame:
         return 'pose.tf_child_frame selects /tf'
     names = {'odom': 'Odometry', 'pose': 'a pose', 'tf': 'a transform'}

@@ -60,7 +60,7 @@ def make_estimator(
     if config.method == 'trajectory':
         known = known or nominal_model(config, kernel)
         second = _trajectory(config, known, reporting, before)
-        if config.disturbance.constant != 'none' or config.imu.alone or _has_varying_wrench(config):
+        if config.disturbance.constant != 'none' or not config.by_odometry or _has_varying_wrench(config):
             return second  # the first stage takes the momentum for constant, and needs poses
         if config.flexible.joints or config.odometry.turning_std > 0.0 or not kernel.model.joints:
             return (
@@ -94,12 +94,12 @@ def _trajectory(
             float(np.sum(known.kernel.known[:, 0])),
             config.noise.declared.base_position,
             config.disturbance.constant,
-            adapt=_ADAPT and not config.imu.alone,  # drifts show in poses only
+            adapt=_ADAPT and config.located,  # drifts show in poses only
         ),
         suspects=suspects(known.kernel.model),
         conventions=conventions(known.declared.marker),
-        located=not config.imu.alone,
-        orientation_measured=not config.imu.alone or config.imu.orientation,
+        located=config.located,
+        orientation_measured=config.oriented,
         before=before,
     )
     return TrajectoryEstimator(known.kernel, settings, reporting)
@@ -156,6 +156,8 @@ def _paper(config: EstimatorConfig, kernel: MomentumKernel) -> PaperEstimator:
 
 def _check_imu(config: EstimatorConfig) -> None:
     """Refuse an IMU without poses that the other parameters contradict, and an orientation beside poses."""
+    if config.poses.alone:
+        _check_poses(config)
     if not config.imu.alone:
         if config.imu.orientation:
             raise ParameterError(
@@ -164,6 +166,7 @@ def _check_imu(config: EstimatorConfig) -> None:
             )
         return
     contradictions = {
+        'poses.names is set; accepted: poses.alone in its place': bool(config.poses.used),
         'imu.noise_density is 0, which does not use the IMU; accepted: its noise': config.imu.noise_density == 0.0,
         f'method is {config.method}, which needs poses; accepted: trajectory': config.method != 'trajectory',
         'disturbance.constant is set, which needs poses; accepted: none': config.disturbance.constant != 'none',
@@ -175,6 +178,18 @@ def _check_imu(config: EstimatorConfig) -> None:
     for problem, present in contradictions.items():
         if present:
             raise ParameterError(f"parameter 'imu.alone' is true, and {problem}")
+
+
+def _check_poses(config: EstimatorConfig) -> None:
+    """Refuse named poses without odometry that the other parameters contradict."""
+    contradictions = {
+        "'imu.alone' is true, too; accepted: one of them": config.imu.alone,
+        f'method is {config.method}, which needs odometry; accepted: trajectory': config.method != 'trajectory',
+        'the run has a capture, which needs odometry; accepted: capture.phase post_capture': _has_capture(config),
+    }
+    for problem, present in contradictions.items():
+        if present:
+            raise ParameterError(f"parameter 'poses.alone' is true, and {problem}")
 
 
 def _has_capture(config: EstimatorConfig) -> bool:

@@ -182,7 +182,7 @@ def nominal_model(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot
         found.values[-6:],
         found.covariance,
     )
-    located = not config.imu.alone or config.imu.orientation
+    located = config.by_odometry or config.imu.orientation
     kernel, unknowns, known = nominal.with_kernel(kernel, as_declared.unknowns, located=located)
     return KnownRobot(kernel, replace(as_declared, unknowns=unknowns, joint_prior=known))
 

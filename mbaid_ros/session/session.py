@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
-from mbaid_ros.core.contracts import Check
+from mbaid_ros.core.contracts import Check, Instrument
 from mbaid_ros.core.filter.posterior import Continuation, Posterior
 from mbaid_ros.core.forces import EXACT_THRUST, LATE_THRUST, SHARED_THRUST, Thrust, uncertain_thrusters, wrench_of
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.gyro import IMU, DeadReckoning, RateIntegrator, declared_gyros, gyro_check, imu_reader, topic_of
+from mbaid_ros.core.gyro import IMU, DeadReckoning, GyroSensor, gyro_check
 from mbaid_ros.core.joints.faults import JointRates
 from mbaid_ros.core.joints.stream import JointMerge, JointReader
 from mbaid_ros.core.noise import NoiseEstimator
@@ -25,14 +25,16 @@ from mbaid_ros.core.odometry.stream import PoseReader, measured_orientation, odo
 from mbaid_ros.core.orbit import falling_frame
 from mbaid_ros.core.outliers import Copies
 from mbaid_ros.core.pipeline import Estimator, Identifier, PlainFaults, Synchroniser, WindowChecks
+from mbaid_ros.core.poses import REFERENCE_GAP, reference
 from mbaid_ros.core.repair import Conversion, Repair
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Packets, Source, number_of, stamp_of, stamps_of
+from mbaid_ros.core.samples import BaseStream, JointStream, Packets, Source, number_of, stamp_of, stamps_of
 from mbaid_ros.core.streams import OTHER_CLOCK, Gate, Reorder
 from mbaid_ros.core.wheels import StoredMomentum, vector_of
 from mbaid_ros.errors import DataError, ParameterError
 from mbaid_ros.estimate_messages import Frames
-from mbaid_ros.session.catalogue import sensors
+from mbaid_ros.parameters import topic_of
+from mbaid_ros.session.catalogue import inputs, instruments
 from mbaid_ros.session.continuation import read_continuation
 from mbaid_ros.session.methods import make_capture, make_estimator
 from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
@@ -41,6 +43,7 @@ from mbaid_ros.session.robot import EXACT_ROBOT, Robot
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
 SPOKEN = {JOINTS: 'the joint states', ODOMETRY: 'the poses of the base', IMU: 'the IMU'}  # whatever their topics are
+_SLOW = 5_000_000_000  # ns, the same of named poses, which may come every two seconds
 TIME_JUMP = 1.0  # s between consecutive stamps of a topic: no sensor pauses and resumes in its own past
 REORDER_TIME = 0.05  # s, that messages wait for late ones at most: longer waits would delay every estimate
 OTHER_SOURCE = 'the pose of the base comes from another source'
@@ -55,11 +58,11 @@ _RESTARTS_KEPT = 20
 
 
 class MessageQueue:
-    """Collects the messages of all topics, each in the order of arrival."""
+    """Collects the messages of all topics, each in the order of arrival; those of slow ones may be far apart."""
 
-    def __init__(self, topics: Collection[str]) -> None:
+    def __init__(self, topics: Collection[str], slow: Collection[str] = ()) -> None:
         self._threshold = round(TIME_JUMP * 1e9)
-        self._gates = {name: Gate(self._threshold) for name in topics}
+        self._gates = {name: Gate(self._threshold if name not in slow else _SLOW) for name in topics}
         self._epoch = 0
         self._dropped: Counter[str] = Counter()
 
@@ -197,27 +200,30 @@ class Intake:
     Attributes
     ----------
     joint_reader, odometry_reader, stored_momentum : of messages
-    imu_readers : of the messages of gyros, by name
+    instruments : named sensors, by the names of their parameters
+    base_topic : of the messages that locate the base, in the queue
     merge : of joints from several publishers
     faults : plain in the joint readings or the robot description
     alone, orientation_measured : whether an IMU alone measures the base's motion, and has measured an orientation
     """
 
     def __init__(
-        self, config: EstimatorConfig, robot: Robot, conversions: Sequence[Conversion] = (), origin: int = 0
+        self,
+        config: EstimatorConfig,
+        robot: Robot,
+        named: Mapping[str, Instrument],
+        conversions: Sequence[Conversion] = (),
+        origin: int = 0,
     ) -> None:
-        self._robot = robot
+        self._robot, self.instruments = robot, named
         self._conversions, self._origin = conversions, origin
         self.joint_reader = JointReader(robot.model.independent_joints, config.wheels.names, config.flexible.joints)
         prefix, declared = config.frame_prefix, config.noise.declared
         self.odometry_reader = odometry_reader(robot.model, prefix, robot.marker, config.twist_frame, declared)
-        gyros = declared_gyros(config.imu, config.gyros)
-        self.imu_readers = {
-            sensor.name: imu_reader(gyros[sensor.name], sensor, robot.model, prefix, declared.base_orientation)
-            for sensor in sensors(config, robot.model)
-        }
         self.stored_momentum = StoredMomentum(robot.model, config.wheels.momentum_frame)
         self.alone = config.imu.alone
+        self._reference = reference(config.poses, robot.model, prefix)
+        self.base_topic = IMU if self.alone else ODOMETRY if self._reference is None else self._reference.name
         limit, beside = round(REORDER_TIME * 1e9), robot.kernel.storage.count
         turning = ~np.array(robot.model.prismatic, dtype=bool)[robot.model.transmission.independent]
         turning = np.append(turning, np.zeros(beside, dtype=bool))
@@ -229,8 +235,8 @@ class Intake:
         self._joint_copies: dict[tuple[int, ...], Copies[JointStream]] = {}
         self._pose_copies: Copies[BaseStream] = Copies(_poses, round(TIME_JUMP * 1e9))
         self._reorder = Reorder[BaseStream](limit)
-        self._reorder_imus = {name: Reorder[ImuStream](limit) for name in self.imu_readers}
-        self._imu_copies = {name: Copies[ImuStream](_rates, round(TIME_JUMP * 1e9)) for name in self.imu_readers}
+        self._reorder_named = {name: Reorder[Any](limit) for name in named}
+        self._named_copies = {name: Copies[Any](each.numbers, round(TIME_JUMP * 1e9)) for name, each in named.items()}
         self._reckoning = DeadReckoning()
         self._with_orientation = config.imu.orientation
         self.orientation_measured = False
@@ -242,8 +248,8 @@ class Intake:
         return sum(
             (
                 *(self.merge.dropped, self._reorder.dropped, self.stored_momentum.dropped, self._pose_copies.dropped),
-                *(reorder.dropped for reorder in self._reorder_imus.values()),
-                *(copies.dropped for copies in self._imu_copies.values()),
+                *(reorder.dropped for reorder in self._reorder_named.values()),
+                *(copies.dropped for copies in self._named_copies.values()),
                 *(copies.dropped for copies in self._joint_copies.values()),
             ),
             Counter(self._refused),
@@ -251,8 +257,8 @@ class Intake:
 
     def streams(
         self, messages: Mapping[str, Sequence[Any]]
-    ) -> tuple[JointStream | None, BaseStream | None, dict[str, ImuStream | None]]:
-        """Return the measurements of joints, base and gyros in messages, by topic, as far as their order is sure."""
+    ) -> tuple[JointStream | None, BaseStream | None, dict[str, Any]]:
+        """Return the measurements of joints, base and named sensors in messages, by topic, once their order is sure."""
         joints, dropped_joints = self.joint_reader.read(messages[JOINTS])
         base, dropped_base = self.odometry_reader.read(messages[ODOMETRY])
         self._refused += dropped_joints + dropped_base
@@ -261,18 +267,20 @@ class Intake:
             joints = conversion.joints(joints, self._robot.readings, self._origin)
             base = conversion.base(base)
         self.faults.add(joints, base)
-        imus = {}
-        for name, reader in self.imu_readers.items():
-            measured, dropped = reader.read(messages[name])
+        found = {}
+        for name, each in self.instruments.items():
+            measured, dropped = each.reader.read(messages[name])
             self._refused += dropped
-            imus[name] = self._reorder_imus[name].push(self._imu_copies[name].push(measured))
-        if not self.alone:
+            found[name] = self._reorder_named[name].push(self._named_copies[name].push(measured))
+        if self._reference is not None:
+            located = self._reference.push(found)
+        elif not self.alone:
             located = self._reorder.push(base)
         elif self._with_orientation:
-            located = measured_orientation(imus[IMU])
+            located = measured_orientation(found[IMU])
             self.orientation_measured |= located is not None
         else:
-            located = self._reckoning.push(imus[IMU])
+            located = self._reckoning.push(found[IMU])
         stored = self.stored_momentum.stream()
         if stored is not None:
             every = range(len(self._robot.readings))
@@ -280,7 +288,7 @@ class Intake:
         merged = self.merge.push(joints)
         if merged is not None:
             merged = merged.without_stored_momentum(len(self._robot.model.independent_joints))
-        return self._all_joints(merged), located, imus
+        return self._all_joints(merged), located, found
 
     def completes(self, end: int, name: str, newest: Mapping[str, int | None]) -> bool:
         """Return whether no message still to come belongs to a window.
@@ -288,16 +296,18 @@ class Intake:
         The first joints after its `end` (ns) complete it, with odometry and gyros no earlier than these. `name` is the
         topic of the latest message, `newest` the latest stamp (ns) of each topic; None before the first.
         """
-        joints, base = newest[JOINTS], newest[IMU if self.alone else ODOMETRY]
+        joints, base = newest[JOINTS], newest[self.base_topic]
         if joints is None or base is None:
             return False
         joints -= self.merge.hold
         wanted = joints if name == JOINTS else end
-        for gyro, reorder in self._reorder_imus.items():
-            imu = newest[gyro]
-            if imu is None or imu - reorder.hold < wanted:
+        for gyro, each in self.instruments.items():
+            latest = newest[gyro]
+            if each.follower.field == 'further' and (
+                latest is None or latest - self._reorder_named[gyro].hold < wanted
+            ):
                 return False
-        hold = 0 if self.alone else self._reorder.hold
+        hold = self._reorder.hold if self.base_topic == ODOMETRY else 0
         return joints >= end and base - hold >= wanted
 
     def _without_copies(self, joints: Mapping[tuple[int, ...], JointStream]) -> dict[tuple[int, ...], JointStream]:
@@ -328,10 +338,6 @@ def _poses(stream: BaseStream) -> Array:
     return np.concatenate((stream.position, stream.rotation.reshape(-1, 9), *twist), axis=1)
 
 
-def _rates(stream: ImuStream) -> Array:
-    return np.concatenate((stream.angular_velocity, stream.rotation.reshape(len(stream.stamp), -1)), axis=1)
-
-
 class Segment:
     """The readers of a run's messages, and its method; parameters as for Session.
 
@@ -355,24 +361,25 @@ class Segment:
         self._robot = robot
         self._left = [round(1e9 * part * config.window) for part in _LEFT]
         self._processed = (-1, 0)  # end of the window last processed in, and how many of the times of `_LEFT` passed
-        self.intake = Intake(config, robot, conversions, origin)
         model, described = robot.model, robot.kernel
+        falling = falling_frame(config.orbit, model, located=config.located)
+        named = instruments(config, model, None if falling is None else falling.to_falling_frame)
+        self.intake = Intake(config, robot, named, conversions, origin)
         make = make or partial(make_estimator, before=before)
         method = partial(make, config, described, robot.known)
         self._capture = make_capture(config, described, method)
         robot.begin(self._capture)
         self.thrust = Thrust(model, uncertain_thrusters(config.thrust, model))
         noise = config.noise
-        ranges = {name: gyro.range for name, gyro in declared_gyros(config.imu, config.gyros).items()}
-        gap, gyros = round(config.maximum_gap * 1e9), sensors(config, model)
+        gyros = [each.sensor for each in named.values() if isinstance(each.sensor, GyroSensor)]
         checks: list[Check] = [twist_check(), HeldBase(described)]
         if config.method == 'trajectory':
             checks += [gyro_check(each.name, each.columns) for each in gyros if each.link is None]
-        falling = falling_frame(config.orbit, model, located=not config.imu.alone)
+        filled = config.poses.alone and any(each.link is None for each in gyros)
         self.identifier = Identifier(
             self._capture or method(),
             config.window,
-            config.maximum_gap,
+            max(config.maximum_gap, REFERENCE_GAP) if filled else config.maximum_gap,
             WindowChecks(checks, JointRates(model.joint_names)),
             (self.thrust,) if falling is None else (self.thrust, falling),
             NoiseEstimator(
@@ -384,7 +391,7 @@ class Segment:
                 passive=described.springs.joints,
             ),
             view=None if falling is None else falling.to_falling_frame,
-            gyros={each.name: RateIntegrator(gap, ranges[each.name], on_base=each.link is None) for each in gyros},
+            followers={name: each.follower for name, each in named.items()},
         )
 
     @property
@@ -416,7 +423,7 @@ class Segment:
         if sum(waiting.values()) >= PART:
             return True
         end = self.identifier.end_of_window
-        both = waiting[JOINTS] > 0 and waiting[IMU if intake.alone else ODOMETRY] > 0
+        both = waiting[JOINTS] > 0 and waiting[intake.base_topic] > 0
         if end is None or (both and self._part_gathered(stamp, end)):
             return both
         return stamp >= end and intake.completes(end, name, queue.newest)
@@ -498,13 +505,14 @@ class Session:
 
     def reset(self) -> None:
         """Forget everything and start again."""
-        self._gyros = tuple(declared_gyros(self.config.imu, self.config.gyros))
-        self.queue = MessageQueue((JOINTS, ODOMETRY, *self._gyros))
+        self._named = inputs(self.config)
+        slow = [name for name, each in self._named.items() if each.slow]
+        self.queue = MessageQueue((JOINTS, ODOMETRY, *self._named), slow)
         self.received: Counter[str] = Counter()
         robot = self.robot
         # Of poses without a name: that of the marker, a frame that is no link's.
         frame = '' if robot.marker is not None else self.config.frame_prefix + robot.model.base_link
-        self.base_source = BaseSource(self.config.pose, frame, needed=not self.config.imu.alone)
+        self.base_source = BaseSource(self.config.pose, frame, needed=self.config.by_odometry)
         self.restarts: list[str] = []
         self.restarted = 0
         self._earlier: Counter[str] = Counter()  # dropped in earlier segments
@@ -544,22 +552,22 @@ class Session:
         due = [self._add(ODOMETRY, each) for each in self.base_source.accepted([message])]
         return any(due)
 
-    def add_imu(self, message: Any, name: str = IMU) -> bool:
-        """Add an Imu, unread, of a gyro by the name of its parameters; return whether it is time for `process`."""
-        if name not in self._gyros:
+    def add_named(self, message: Any, name: str = IMU) -> bool:
+        """Add a message, unread, of a sensor by the name of its parameters; return whether it is time for `process`."""
+        if name not in self._named:
             self._earlier[IMU_NOT_ASKED_FOR] += 1
             return False
         return self._add(name, message)
 
     def add_at_once(
-        self, joint_states: Sequence[Any], odometry: Sequence[Any], imus: Mapping[str, Sequence[Any]]
+        self, joint_states: Sequence[Any], odometry: Sequence[Any], named: Mapping[str, Sequence[Any]]
     ) -> bool:
-        """Add messages, of gyros by name, each in order, if all are regular; else return False: add them one by one."""
+        """Add messages, of named sensors, too, in order, if all are regular; else return False: add them one by one."""
         if not self.base_source.accepts(odometry):
             return False
         messages = {JOINTS: joint_states, ODOMETRY: self.base_source.accepted(odometry)}
-        added = self.queue.add_regular(messages | {name: imus[name] for name in self._gyros})
-        unused = sum(len(each) for name, each in imus.items() if name not in self._gyros)
+        added = self.queue.add_regular(messages | {name: named[name] for name in self._named})
+        unused = sum(len(each) for name, each in named.items() if name not in self._named)
         if added and unused:
             self._earlier[IMU_NOT_ASKED_FOR] += unused
         return added

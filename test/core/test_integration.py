@@ -47,7 +47,7 @@ def between_poses(bias: Array) -> tuple[Array, Array]:
     imu = ImuStream(stamps(often), rate + bias)
     way = np.linspace(0.0, 1.0, len(joints))[:, None]
     read = JointStream(stamps(joints), way, np.ones_like(way))
-    found = some(Synchroniser(1.0, gyros={IMU: RateIntegrator(100_000_000)}).push(read, base, {IMU: imu}))
+    found = some(Synchroniser(1.0, followers={IMU: RateIntegrator(100_000_000)}).push(read, base, {IMU: imu}))
     return found.base_rotation, exp(angle(found.time + joints[0]))
 
 

@@ -246,7 +246,7 @@ def test_poses_on_a_topic_of_their_own_locate_the_base_beside_an_imu(graph: Grap
             turning = Imu(header=message.header, angular_velocity=timed.message.twist.twist.angular)
             turning.header.frame_id = 'base_link'
             publishers['imu'].publish(turning)
-            session.add_imu(turning)
+            session.add_named(turning)
         else:
             publishers['joint_states'].publish(message)
             session.add_joint_state(message)

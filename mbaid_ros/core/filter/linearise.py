@@ -7,12 +7,12 @@ of their priors: first those that the prediction depends on, then those of the r
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import block_diag
 
-from mbaid_ros.core.contracts import Axes, Course, Motion, Sensor, Stack, stacked
+from mbaid_ros.core.contracts import Axes, Course, Motion, Observation, Sensor, Stack, stacked
 from mbaid_ros.core.geometry import Array, Integers, composed, cross, exp, skew
 from mbaid_ros.core.joints.model import JointNoise, by_deflections, errors_in_variables_bias, joint_noise
 from mbaid_ros.core.odometry.model import (
@@ -219,7 +219,7 @@ class WindowModel(ArrayRecord):
     drift: Array
     noise: JointNoise  # of the joints; the part in the pose as it is measured
     joints_in_rates: Array  # (r, n) as it is in what each sensor reads of one pose error
-    joints_in_twist: Array  # () its variance in the rates over that in the pose
+    joints_in_twist: Array  # () its variance in the twist over that in the pose
     length: Array  # () s
     # rotation, position: (3, 3), (3,) m, of the base at the window's end
     rotation: Array
@@ -228,6 +228,13 @@ class WindowModel(ArrayRecord):
     momentum_change: Array  # (6, s) change of (P, L) until the next window by the unknowns
     body: Array  # (10,) standard parameters of the target at the linearisation point
     integrated: IntegratedTwist  # it takes the place of the twist where it counts
+    # (r, r) by how much more than the twist's alone two numbers share that variance; (0, 0) where all are of the twist
+    joint_overlap: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+    def __post_init__(self) -> None:
+        """Fill in the default."""
+        if self.joint_overlap.shape[: self.length.ndim] != self.length.shape:
+            object.__setattr__(self, 'joint_overlap', np.zeros((*self.length.shape, 0, 0)))
 
 
 def window_models(
@@ -298,8 +305,9 @@ def _models(
     ends = np.where(integrated[:, None], 1.0, 1.0 - 2.0 * change + 2.0 * len(middle) * change**2)[..., None]
     moving = twist_motion(stack, predicted, (around, inside), slope)
     pose = reading_columns(layout, 'pose', replace(moving, slope=moving.twist, rate=np.zeros_like(moving.twist)))
-    course = Course(stack, around, inside, prediction.twist, slope, placed)
-    rates, in_rates = _rates(layout, course, moving, mean_twist(errors, prediction, point, parabolic), noise, point)
+    course = Course(stack, around, inside, prediction.twist, slope, placed, stack.corrected(point.nominal))
+    mean = mean_twist(errors, prediction, point, parabolic)
+    rates, in_rates, overlap = _rates(layout, course, moving, (mean, errors), noise, point)
     whole = IntegratedTwist.none(len(stack.windows), layout.size)
     if integrated.any():
         each = integral_weights(len(middle))
@@ -307,11 +315,9 @@ def _models(
         turned = [reading_columns(layout, 'twist', moving) for moving in motions]
         whole = integrated_twist(stack, prediction, middle, errors, point, by_readings=turned, stored=noise.stored)
         whole = replace(whole, replaces_twist=integrated)
+    of_poses = stack.pose_covariance / stack.samples if layout.odometry else np.full_like(of_joints, np.nan)
     return WindowModel(
-        Measurement(
-            *pose_measurement(errors, change, pose, point.readings),
-            stack.pose_covariance / stack.samples + ends * of_joints,
-        ),
+        Measurement(*pose_measurement(errors, change, pose, point.readings), of_poses + ends * of_joints),
         rates,
         transition=state_rows(errors[-1], np.zeros_like(pose)),
         drift=errors[-1][..., -1],
@@ -325,41 +331,73 @@ def _models(
         momentum_change=impulses,
         body=np.tile(point.body, (len(stack.windows), 1)),
         integrated=whole,
+        joint_overlap=overlap,
     )
 
 
 def _rates(
-    layout: Layout, course: Course, base: Motion, mean: Array, noise: JointNoise, point: Point
-) -> tuple[Measurement, Array]:
-    """Return what the twist and all further sensors measure in windows, and the joints' noise as it is in that.
+    layout: Layout, course: Course, base: Motion, models: tuple[Array, Array], noise: JointNoise, point: Point
+) -> tuple[Measurement, Array, Array]:
+    """Return what twist and further sensors measure in windows, and the joints' noise as it is in that, and overlaps.
 
     The covariance is blockdiag(own) + t (J A + G)(J A + G)^T + w (J S)(J S)^T. J is what sensors read of the twist; A,
     the joints' noise in the pose, telescopes, and so does G, which joints between base and sensor add; S is white.
+    Of poses, each with readings of its own stamps, the joints' noise at different knots counts: the second term is
+    multiplied, number by number, with the overlap.
 
     Parameters
     ----------
-    base, mean : the windows' motion as twists are read; as of `mean_twist`
+    base, models : the windows' motion as twists are read; as of `mean_twist`, and the pose error at the knots
     """
     sensors: tuple[Sensor, ...] = (TWIST, *layout.sensors)
     stack, count = course.stack, course.inside.stop - course.inside.start
     seen = [sensor.observed(course, base) for sensor in sensors]
     columns = [reading_columns(layout, sensor.name, each.motion) for sensor, each in zip(sensors, seen, strict=True)]
-    of_twist = np.concatenate([sensor.of_twist for sensor in sensors])
-    joints = of_twist @ noise.pose
-    covariance, begin = np.zeros((*joints.shape[:2], len(of_twist))), 0
+    parts = [
+        sensor.of_base if each.of_base is None else each.of_base for sensor, each in zip(sensors, seen, strict=True)
+    ]
+    joints = np.concatenate([part @ noise.pose for part in parts], axis=1)
+    covariance, begin = np.zeros((*joints.shape[:2], joints.shape[1])), 0
     for each in seen:
         own = slice(begin, begin + each.value.shape[1])
         begin, covariance[:, own, own] = own.stop, each.covariance
         if each.joint_gain is not None:
             joints[:, own] += np.sqrt(stack.joint_variance / stack.samples) * each.joint_gain
-    covariance += telescoped(count, course.spacing) * (joints @ np.swapaxes(joints, -1, -2))
+    common, overlap = joints @ np.swapaxes(joints, -1, -2), _joint_overlap(seen, count, course.spacing)
+    covariance += telescoped(count, course.spacing) * (overlap * common if overlap.size else common)
     if noise.stored.shape[-1]:
-        common = of_twist @ noise.stored
+        # It hardly moves a pose within a window.
+        common = np.concatenate(
+            [part * (each.weights is None) @ noise.stored for part, each in zip(parts, seen, strict=True)], axis=1
+        )
         white = count * np.sum(parabolic_weights(count) ** 2) / stack.samples
         covariance += white * (common @ np.swapaxes(common, -1, -2))
     value = np.concatenate([each.value for each in seen], axis=1)
-    measured = rate_measurement(of_twist @ mean, value, np.concatenate(columns, axis=1), point.readings)
-    return Measurement(*measured, covariance), joints
+    mean, errors = models
+    expected = [
+        part @ (mean if each.weights is None else total(each.weights.T[..., None, None] * errors))
+        for part, each in zip(parts, seen, strict=True)
+    ]
+    measured = rate_measurement(
+        np.concatenate(expected, axis=1), value, np.concatenate(columns, axis=1), point.readings
+    )
+    return Measurement(*measured, covariance), joints, overlap
+
+
+def _joint_overlap(seen: Sequence[Observation], count: int, spacing: float) -> Array:
+    """Return how much more than two numbers of the twist any two of all r share the joints' noise, (B, r, r).
+
+    It is the product of how both depend on the joints at the knots. Nothing, (B, 0, 0), where all are of the twist.
+    """
+    windows = len(seen[0].value)
+    if all(each.weights is None for each in seen):
+        return np.zeros((windows, 0, 0))
+    of_twist = np.broadcast_to(-np.diff(np.pad(parabolic_weights(count), 1)) / spacing, (windows, count + 1))
+    parts = [of_twist if each.weights is None else each.weights for each in seen]
+    by_knot = np.concatenate(
+        [np.repeat(part[:, None], each.value.shape[1], axis=1) for part, each in zip(parts, seen, strict=True)], axis=1
+    )
+    return np.asarray(count / telescoped(count, spacing) * (by_knot @ np.swapaxes(by_knot, -1, -2)))
 
 
 def _momentum_change(layout: Layout, stack: Stack, bodies: Bodies, position: Array) -> tuple[Array, Array]:
@@ -469,10 +507,15 @@ def whitened_windows(windows: WindowModel, variables: Variables) -> list[Whitene
     for moving, select, of_rates in _alike(alone, variables):
         measurement = windows.rates[moving]
         measurement = replace(measurement, value=np.nan_to_num(measurement.value))  # of those outside this selection
-        rates = _whitened(measurement, variables, select, variables.of_twist)
-        times = windows.joints_in_twist[moving, None, None]
-        precision[moving] += times * rates.precision
-        weighed[moving] += times * rates.weighed(windows.joints_in_rates[moving])
+        rates = _whitened(measurement, variables, select, variables.of_base)
+        times, overlap = windows.joints_in_twist[moving, None, None], windows.joint_overlap[moving]
+        if overlap.size:
+            shared = overlap * (np.swapaxes(rates.whiten, -1, -2) @ rates.whiten)
+            precision[moving] += times * (variables.of_base.T @ shared @ variables.of_base)
+            weighed[moving] += times * (variables.of_base.T @ shared @ windows.joints_in_rates[moving])
+        else:
+            precision[moving] += times * rates.precision
+            weighed[moving] += times * rates.weighed(windows.joints_in_rates[moving])
         values = np.concatenate((pose.value[moving], rates.value), axis=1)
         both = np.concatenate((pose.rows[moving], rates.rows), axis=1)
         log_noise = pose.log_noise[moving] + rates.log_noise

@@ -432,7 +432,7 @@ def rate_measurement(mean: Array, measured: Array, readings: Array, point: Array
 
     Parameters
     ----------
-    mean : (B, r, p + 1) what sensors read of the twist as of `mean_twist`; `measured` (B, r) is what they did read
+    mean : (B, r, p + 1) what sensors read of twist or pose error, constant last; `measured` (B, r) they did read
     readings, point : (B, r, e), (e,) by the unknowns of the readings, linearised there
     """
     return measured - mean[..., -1] + readings @ point, state_rows(mean, readings)
@@ -442,7 +442,7 @@ class Twist:
     """The twist of the odometry as a sensor. It is turned by the measured pose, as the rate of a gyro is."""
 
     name = 'twist'
-    of_twist = np.eye(6)
+    of_base = np.eye(6)
 
     def observed(self, course: Course, base: Motion) -> Observation:
         """Return the mean twist, whose noise is white in base axes."""

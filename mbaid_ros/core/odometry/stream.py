@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import groupby
+from types import SimpleNamespace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -63,6 +64,7 @@ _POSE_COVARIANCE, _TWIST_COVARIANCE = slice(7, 43), slice(49, 85)
 _NUMBERS = 85  # of an Odometry: pose 7 and twist 6, with a covariance of 36 each
 _NO_TWIST = (np.nan,) * 6  # of poses alone
 _NOT_SET = np.zeros(36)
+_ORIGIN = SimpleNamespace(x=0.0, y=0.0, z=0.0)  # of an orientation alone
 _LARGEST_POSITION = 1e12  # m: beyond the planets
 _LARGEST_VELOCITY = 1e6  # m/s, rad/s
 QUATERNION_TOLERANCE = 0.1  # of the length of a quaternion from 1: rounding is far below, a wrong field far above
@@ -314,13 +316,15 @@ class PoseReader:
         self._tf_child = tf_child.lstrip('/')
 
     def read(self, message: Any) -> Iterator[BasePose]:
-        """Yield the poses of a PoseStamped, PoseWithCovarianceStamped, TransformStamped or TFMessage."""
+        """Yield the poses of a PoseStamped or one with covariance, of transforms, or of a QuaternionStamped."""
         if hasattr(message, 'transforms'):
             for each in message.transforms:
                 if each.child_frame_id.lstrip('/') == self._tf_child:
                     yield self._transform(each)
         elif hasattr(message, 'transform'):
             yield self._transform(message)
+        elif hasattr(message, 'quaternion'):
+            yield _pose(message, self._frame, _ORIGIN, message.quaternion, _NOT_SET)
         else:
             pose, covariance = message.pose, _NOT_SET
             if hasattr(pose, 'pose'):

@@ -90,7 +90,7 @@ def _last_estimate(simulated: SimulatedRun, session: Session) -> Estimate | None
         'odom': session.add_odometry,
         'thrust': session.add_thrust,
         'stored_momentum': session.add_stored_momentum,
-        'imu': session.add_imu,
+        'imu': session.add_named,
     }
     last, duration = None, simulated.config.duration
     for end in np.minimum(np.arange(1, np.ceil(duration / _CHUNK) + 1) * _CHUNK, duration):

@@ -1,0 +1,614 @@
+"""Further poses by name (star tracker, camera, motion capture): messages, parameters, errors, rows in the filter."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from mbaid_ros.core.contracts import Course, Instrument, Linear, Motion, Observation, Words, diagonal
+from mbaid_ros.core.geometry import Array, Flags, exp, log, rotate, skew
+from mbaid_ros.core.odometry.model import MarkerConfig, marker_frame
+from mbaid_ros.core.odometry.stream import AttachedFrame, OdometryReader, PoseReader, orientation_only, source_of
+from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.samples import BasePose, BaseStream, Input, Packets, Samples, SensorNoise, Stamps
+from mbaid_ros.core.streams import LATE
+from mbaid_ros.core.windows import ANGULAR_FIRST, knot_poses
+from mbaid_ros.errors import ParameterError, listing
+from mbaid_ros.parameters import by_name, named_groups, parameter
+
+POSE_TYPES = (
+    'nav_msgs/msg/Odometry',
+    'geometry_msgs/msg/PoseStamped',
+    'geometry_msgs/msg/PoseWithCovarianceStamped',
+    'geometry_msgs/msg/TransformStamped',
+    'geometry_msgs/msg/QuaternionStamped',
+)
+MEASURES = ('position', 'orientation', 'both')
+_ROWS = {'position': np.arange(3, 6), 'orientation': np.arange(3), 'both': np.arange(6)}  # of a pose error
+MOUNT, WORLD, DELAY = 'pose mount', 'pose world', 'pose delay'
+EARLY = 'pose much sooner than usual after the one before'
+NO_SAMPLE = 'no sample around the stamp of a pose'
+# Part of the least time between two readings so far, before which samples do not wait for the next one.
+_SOONEST = 0.9
+_PATIENCE = 1_000_000_000  # ns: a sensor that is further behind the joints has stopped
+# rad, m: how far off the first reading may place the sensor's world; no prior, in effect.
+_WORLD_TURN, _WORLD_SHIFT = 0.05, 0.3
+_STENCIL = 4  # knots that the motion between two is interpolated from
+REFERENCE_GAP = 2.5  # s, between poses that a gyro fills: two readings at .5 Hz
+_COUNT, _TIME, _ROTATION, _POSITION, _COVARIANCE = 0, 1, slice(2, 11), slice(11, 14), slice(14, 50)
+_WIDTH = 50  # columns of the sums over readings
+_NO_ROTATION = (0.0, 0.0, 0.0, 1.0)  # quaternion x, y, z, w of a position alone
+
+
+@dataclass(frozen=True)
+class NamedPoseConfig:
+    """A sensor of the base's pose or a part of it."""
+
+    measures: str = parameter('both', choices=MEASURES)
+    """What it measures: position, orientation, or both."""
+    frame: str = parameter('')
+    """Link of the base that it locates; empty: child_frame_id of the messages, or the base link."""
+    marker: MarkerConfig = field(default_factory=MarkerConfig)
+    position_std: float = parameter(0.0, 'm', minimum=0.0)
+    """Standard deviation of each coordinate of a position, where the messages carry no covariance; 0: 0.001."""
+    orientation_std: float = parameter(0.0, 'rad', minimum=0.0)
+    """Standard deviation of an orientation about each axis, where the messages carry no covariance; 0: 0.0001."""
+    mount_position_std: float = parameter(2e-3, 'm', minimum=0.0)
+    """Standard deviation of each coordinate of its place on the base; 0: exact."""
+    mount_orientation_std: float = parameter(2e-3, 'rad', minimum=0.0)
+    """Standard deviation of its alignment on the base about each axis; 0: exact."""
+    time_offset_std: float = parameter(5e-3, 's', minimum=0.0)
+    """Prior standard deviation of the delay of its stamps; 0: exact."""
+    same_world: bool = parameter(default=False)
+    """Whether its world frame is that of the odometry. Otherwise the constant turn and displacement between the two are
+    unknown, and found from the data."""
+    use: bool = parameter(default=True)
+    """Whether it is used."""
+
+
+@dataclass(frozen=True)
+class PosesConfig:
+    """Further sensors of the base's pose beside odometry."""
+
+    names: tuple[str, ...] = parameter(())
+    """Further poses, each on the topic of its name: Odometry (without its twist), PoseStamped,
+    PoseWithCovarianceStamped, TransformStamped or QuaternionStamped."""
+    alone: bool = parameter(default=False)
+    """Nothing else locates the base: odom and pose are ignored. One of poses.names has to measure the orientation.
+    Without a position, linear momentum and mass are unobservable. Only for method trajectory."""
+    each: Mapping[str, Mapping[str, Any]] = by_name(NamedPoseConfig, 'name')
+
+    @property
+    def without_frames(self) -> PosesConfig:
+        """The same on any robot."""
+        each = {name: {key: value for key, value in own.items() if key != 'frame'} for name, own in self.each.items()}
+        return replace(self, each=each)
+
+    @property
+    def used(self) -> dict[str, NamedPoseConfig]:
+        """Those in use by their names.
+
+        Raises ParameterError: A name is taken, given twice or no topic's.
+        """
+        found = named_groups(NamedPoseConfig, 'poses', self.names, self.each)
+        return {name: own for name, own in found.items() if own.use}
+
+    def measuring(self, part: str) -> list[str]:
+        """Return the names of those that measure a part of the pose: 'position' or 'orientation'."""
+        return [name for name, own in self.used.items() if own.measures in (part, 'both')]
+
+
+def pose_inputs(config: PosesConfig) -> dict[str, Input]:
+    """Return the topics of poses by the names of their parameters."""
+    return {f'poses.{name}': Input(name, POSE_TYPES, slow=True) for name in config.used}
+
+
+class NamedPoseReader:
+    """Reads the messages of one sensor: Odometry, poses, transforms or quaternions.
+
+    Parameters
+    ----------
+    measures : as of the parameters
+    frame : child frame of messages that name none
+    reader : of poses
+    """
+
+    def __init__(self, measures: str, frame: str, reader: OdometryReader) -> None:
+        self._measures = measures
+        self._poses, self._reader = PoseReader(frame, ''), reader
+
+    @property
+    def other_frame(self) -> str:
+        """The latest frame that is no link on the base; empty if there was none."""
+        return self._reader.other_child_frame
+
+    def read(self, messages: Sequence[Any]) -> tuple[BaseStream | None, Counter[str]]:
+        """Return the measurements, and the numbers of dropped messages by cause."""
+        return self._reader.read([pose for message in messages for pose in self._read(message)])
+
+    def _read(self, message: Any) -> list[Any]:
+        if isinstance(message, Packets) or source_of(message) == 'odom':
+            return [message]
+        return [self._measured(pose) for pose in self._poses.read(message)]
+
+    def _measured(self, pose: BasePose) -> BasePose:
+        """Return a pose without the part that is not measured."""
+        numbers = pose.numbers
+        if self._measures == 'position':
+            numbers = (*numbers[:3], *_NO_ROTATION)
+        elif self._measures == 'orientation':
+            numbers = (0.0, 0.0, 0.0, *numbers[3:])
+        return replace(pose, numbers=numbers)
+
+
+class PoseCollector:
+    """Sums the readings of one sensor up to each sample; the result does not depend on how the stream is cut.
+
+    Parameters
+    ----------
+    maximum_gap : ns, that a reading may be before the first sample after it
+    measures : as of the parameters
+    view : transforms measurements of the odometry's world to an inertial frame; None of another world, or where it is
+        one
+
+    Attributes
+    ----------
+    newest : ns, stamp of the latest reading; None before the first
+    dropped : readings that were not used, by cause
+    """
+
+    field = 'readings'
+    on_base = False  # it is no gyro
+
+    def __init__(
+        self,
+        maximum_gap: int,
+        measures: str,
+        *,
+        same_world: bool,
+        view: Callable[[BaseStream], BaseStream] | None = None,
+    ) -> None:
+        self._maximum_gap, self._measures, self._view = maximum_gap, measures, view
+        self._world: tuple[Array, Array] | None = (
+            (np.eye(3), np.zeros(3)) if same_world else None
+        )  # turn and displacement from the odometry's
+        self._pending: BaseStream | None = None
+        self._least = np.iinfo(np.int64).max  # ns, between two readings
+        self._taken = np.iinfo(np.int64).min  # stamp of the last sample
+        self.newest: int | None = None
+        self.dropped: Counter[str] = Counter()
+
+    def push(self, stream: BaseStream | None) -> None:
+        """Add readings in the order of their stamps."""
+        if stream is None or not len(stream.stamp):
+            return
+        early = self._early(stream.stamp)
+        late = (stream.stamp <= self._taken) & ~early
+        self.dropped[LATE] += int(np.sum(late))
+        self.dropped[EARLY] += int(np.sum(early))
+        stream = stream[~(late | early)]
+        if len(stream.stamp):
+            stream = stream if self._view is None else self._view(stream)
+            self._pending = stream if self._pending is None else BaseStream.concatenate([self._pending, stream])
+
+    def _early(self, stamp: Stamps) -> Flags:
+        """Return which readings come sooner than samples wait for them, (N,)."""
+        early = np.zeros(len(stamp), dtype=bool)
+        for place, each in enumerate(stamp.tolist()):
+            if self.newest is not None:
+                early[place] = each - self.newest < _SOONEST * self._least < np.iinfo(np.int64).max / 2
+                self._least = min(self._least, each - self.newest)
+            self.newest = each
+        return early
+
+    def complete_until(self, joints: int) -> int:
+        """Return the last stamp (ns) until which no more readings come; `joints` is the latest stamp of these."""
+        silent = joints - _PATIENCE
+        if self.newest is None:
+            return silent
+        due = self.newest + (int(_SOONEST * self._least) - 1 if self._least < np.iinfo(np.int64).max / 2 else 0)
+        return max(due, silent)
+
+    def forget_before(self, stamp: int) -> None:
+        """Do nothing: readings are forgotten with the samples that they belong to."""
+
+    def columns(self, samples: Samples, stamps: Stamps) -> Array:
+        """Return the sums (N, c) over the readings since the sample before, for samples in order."""
+        sums = np.zeros((len(stamps), _WIDTH))
+        self._taken = int(stamps[-1]) if len(stamps) else self._taken
+        if self._pending is None or not len(stamps):
+            return sums
+        count = int(np.searchsorted(self._pending.stamp, stamps[-1], side='right'))
+        read, self._pending = self._pending[:count], self._pending[count:]
+        place = np.searchsorted(stamps, read.stamp, side='left')
+        near = stamps[place] - read.stamp <= self._maximum_gap
+        self.dropped[NO_SAMPLE] += int(np.sum(~near))
+        read, place = read[near], place[near]
+        if not len(place):
+            return sums
+        rotation, position, covariance = self._in_world(read, samples, int(place[0]))
+        each = np.empty((len(place), _WIDTH))
+        origin = int(stamps[0]) - round(1e9 * float(samples.time[0]))
+        each[:, _COUNT], each[:, _TIME] = 1.0, (read.stamp - origin) * 1e-9
+        each[:, _ROTATION], each[:, _POSITION] = rotation.reshape(-1, 9), position
+        each[:, _COVARIANCE] = covariance.reshape(-1, 36)
+        np.add.at(sums, place, each)
+        return sums
+
+    def _in_world(self, read: BaseStream, samples: Samples, place: int) -> tuple[Array, Array, Array]:
+        """Return orientations, positions and covariances in the odometry's world, which the first reading places."""
+        if self._world is None:
+            turn: Array = np.eye(3)
+            if self._measures != 'position':
+                turn = read.rotation[0] @ samples.base_rotation[place].T
+            self._world = turn, read.position[0] - turn @ samples.base_position[place]
+        turn, shift = self._world
+        axes = np.zeros((6, 6))
+        axes[:3, :3] = axes[3:, 3:] = turn
+        # Sums over axes: products of matrices show the size of the batch in the last bit.
+        covariance = np.einsum('ji,njk,kl->nil', axes, read.pose_covariance, axes)
+        rotation = np.einsum('ji,njk->nik', turn, read.rotation)
+        return rotation, np.einsum('ji,nj->ni', turn, read.position - shift), covariance
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSensor:
+    """A pose, or a part of it, with stamps of its own, as a sensor: compared with the base's pose between knots."""
+
+    name: str
+    measures: str
+    columns: slice  # of its sums in `Samples.readings`
+    lever: Array = field(default_factory=lambda: np.zeros(3))  # m, in base axes, of a point of which it has no turn
+
+    @property
+    def of_base(self) -> Array:
+        """The parts of the pose error that it measures."""
+        return np.eye(6)[_ROWS[self.measures]]
+
+    def observed(self, course: Course, base: Motion) -> Observation:
+        """Return by how much its readings in windows are off the knots, in the mean."""
+        window = course.stack.windows
+        inside = window[0].inside
+        knots = course.knots[inside.start : inside.stop + 1]
+        sums = knots.readings[..., self.columns].copy()
+        # From the middle of the first knot to that of the next window's: the motion in between is known.
+        sums[0, :, 0], sums[-1, :, 1] = 0.0, 0.0
+        groups = np.concatenate((sums[:, :, 0], sums[:, :, 1]))  # (g, B, c)
+        count = groups[..., _COUNT]
+        share = count / np.maximum(np.sum(count, axis=0), 1.0)
+        some = np.maximum(count, 1.0)
+        starts = np.array([each.start for each in window])
+        mean_time = np.where(count > 0.0, groups[..., _TIME] / some, starts)
+        place = (mean_time - starts) / course.spacing - 0.5
+        weights = _interpolation(place, len(knots))  # (g, B, m + 1)
+        rotation, position = (each[inside.start : inside.stop + 1] for each in knot_poses(course.knots))
+        turned, there = _between(rotation, position, place, weights)
+        read = groups[..., _ROTATION].reshape(*count.shape, 3, 3) / some[..., None, None]
+        away = groups[..., _POSITION] / some[..., None] - base.origin - there - rotate(turned, self.lever)
+        off = np.concatenate(
+            (log(np.where(count[..., None, None] > 0.0, read @ np.swapaxes(turned, -1, -2), np.eye(3))), away), -1
+        )
+        mean, at = (np.sum(share[..., None] * each, axis=0) for each in (off, there))
+        axes = np.sum(share[..., None, None] * turned, axis=0)
+        total = np.sum(count, axis=0)
+        rows = _ROWS[self.measures]
+        covariance = (
+            np.sum(groups[..., _COVARIANCE], axis=0).reshape(-1, 6, 6) / np.maximum(total, 1.0)[:, None, None] ** 2
+        )
+        covariance = np.where(
+            total[:, None, None] > 0.0, covariance[:, ANGULAR_FIRST[:, None], ANGULAR_FIRST], np.eye(6)
+        )
+        known = total > 0.0
+        axes[~known], at[~known] = base.rotation[~known], base.position[~known]
+        own = replace(
+            base, position=at, rotation=axes, slope=base.twist[:, rows], rate=np.zeros((len(total), len(rows)))
+        )
+        arm = None
+        if self.lever.any():
+            arm = np.tile(self.of_base, (len(total), 1, 1))
+            arm[..., :3] = -skew(axes @ self.lever)
+        return Observation(
+            np.where(known[:, None], mean[:, rows], np.nan),
+            covariance[:, rows[:, None], rows],
+            own,
+            weights=np.sum(share[..., None] * weights, axis=0),
+            of_base=arm,
+        )
+
+
+def _interpolation(place: Array, count: int) -> Array:
+    """Return the weights (..., count) of knots by which cubics interpolate at places between them, in knots."""
+    first = np.clip(np.floor(place).astype(int) - 1, 0, count - _STENCIL)
+    x = place - first
+    cubic = np.stack(
+        (
+            -(x - 1.0) * (x - 2.0) * (x - 3.0) / 6.0,
+            x * (x - 2.0) * (x - 3.0) / 2.0,
+            -x * (x - 1.0) * (x - 3.0) / 2.0,
+            x * (x - 1.0) * (x - 2.0) / 6.0,
+        ),
+        axis=-1,
+    )
+    weights = np.zeros((*place.shape, count))
+    np.put_along_axis(weights, first[..., None] + np.arange(_STENCIL), cubic, axis=-1)
+    return weights
+
+
+def _between(rotation: Array, position: Array, place: Array, weights: Array) -> tuple[Array, Array]:
+    """Return the pose (g, B, 3, 3), (g, B, 3) between knots, by the same weights as pose errors are interpolated.
+
+    The noise of the knots is then that of their pose errors.
+
+    Parameters
+    ----------
+    rotation, position : (k, B, 3, 3), (k, B, 3) at the knots
+    place, weights : (g, B), (g, B, k)
+    """
+    beside = np.arange(place.shape[1])
+    nearest = rotation[np.clip(np.round(place).astype(int), 0, len(rotation) - 1), beside]
+    turns = np.sum(
+        np.swapaxes(weights, 1, 2)[..., None] * log(rotation[None] @ np.swapaxes(nearest, -1, -2)[:, None]), axis=1
+    )
+    return exp(turns) @ nearest, np.sum(np.swapaxes(weights, 1, 2)[..., None] * position[None], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseErrors(Linear):
+    """Of a pose sensor: turn (rad) and displacement (m) of its mount, the same of its world, and delay (s), 13."""
+
+    name: str = ''
+    measures: str = 'both'
+
+    words: ClassVar = {
+        MOUNT: Words(
+            'mounts of the named poses',
+            'poses.<name>.mount_position_std, .mount_orientation_std',
+            'the mount of {}: measure it (poses.{}.mount_position_std, .mount_orientation_std)',
+            lambda name, value: (
+                f'{name} is mounted {1e3 * np.linalg.norm(value[3:6]):.3g} mm and '
+                f'{1e3 * np.linalg.norm(value[:3]):.3g} mrad off: measure its mount'
+            ),
+        ),
+        WORLD: Words(
+            'worlds of the named poses',
+            'poses.<name>.same_world',
+            'the world frame of {}: align it with that of the odometry (poses.{}.same_world)',
+        ),
+        DELAY: Words(
+            'delays of the named poses',
+            'poses.<name>.time_offset_std',
+            'the delay of {}: more motion determines it',
+            lambda name, value: f'{name} is stamped {1e3 * np.sum(value):+.3g} ms late: check its stamps',
+        ),
+    }
+    redrawn_per_motion = True
+
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
+        """Return how much further on it reads the base by each."""
+        if sensor != f'poses.{self.name}':
+            return None
+        read = np.zeros((len(motion.time), 6, 13))
+        read[:, :3, :3] = read[:, 3:, 3:6] = motion.rotation
+        read[:, :3, 6:9] = read[:, 3:, 9:12] = np.eye(3)
+        read[:, 3:, 6:9] = -skew(motion.position)
+        read[:, :, 12] = -motion.twist
+        return read[:, _ROWS[self.measures]]
+
+
+def pose_errors(name: str, config: NamedPoseConfig, *, same_world: bool) -> PoseErrors:
+    """Return the errors of a pose sensor, in the odometry's world or in one of its own."""
+    turns, moves = (float(config.measures in (part, 'both')) for part in ('orientation', 'position'))
+    world = 0.0 if same_world else 1.0
+    sizes = (
+        *(turns * config.mount_orientation_std, moves * config.mount_position_std),
+        *(world * turns * _WORLD_TURN, world * moves * _WORLD_SHIFT),
+    )
+    labels = (*(f'{MOUNT}:{name}',) * 6, *(f'{WORLD}:{name}',) * 6, f'{DELAY}:{name}')
+    return PoseErrors(
+        diagonal([*np.repeat(sizes, 3).tolist(), config.time_offset_std]), labels, name=name, measures=config.measures
+    )
+
+
+def declared_poses(config: PosesConfig) -> tuple[PoseErrors, ...]:
+    """Return the errors of all pose sensors."""
+    places = _reference_names(config)
+    return tuple(
+        pose_errors(name, own, same_world=own.same_world or name in places) for name, own in config.used.items()
+    )
+
+
+def pose_sensors(config: PosesConfig, model: RobotModel, frame_prefix: str) -> tuple[PoseSensor, ...]:
+    """Return poses as sensors with columns one after the other.
+
+    Raises ParameterError: A sensor cannot be on the frame that its parameters name, or too little is measured.
+    """
+    _refuse(config)
+    return tuple(
+        PoseSensor(
+            f'poses.{name}',
+            own.measures,
+            slice(_WIDTH * place, _WIDTH * (place + 1)),
+            _frame(name, own, model, frame_prefix)[1] if own.measures == 'position' else np.zeros(3),
+        )
+        for place, (name, own) in enumerate(config.used.items())
+    )
+
+
+def pose_instruments(
+    config: PosesConfig,
+    model: RobotModel,
+    frame_prefix: str,
+    maximum_gap: int,
+    view: Callable[[BaseStream], BaseStream] | None,
+) -> list[Instrument]:
+    """Return the readers and collectors of pose sensors.
+
+    Parameters
+    ----------
+    frame_prefix : before the names of links in frame names
+    maximum_gap, view : as of `PoseCollector`
+    """
+    places = _reference_names(config)
+    found = []
+    for sensor, (name, own) in zip(pose_sensors(config, model, frame_prefix), config.used.items(), strict=True):
+        same = own.same_world or name in places
+        collector = PoseCollector(maximum_gap, own.measures, same_world=same, view=view if same else None)
+        found.append(Instrument(sensor, _reader(name, own, model, frame_prefix), collector, _numbers))
+    return found
+
+
+def _numbers(stream: BaseStream) -> Array:
+    return np.concatenate((stream.position, stream.rotation.reshape(-1, 9)), axis=1)
+
+
+def _reader(name: str, config: NamedPoseConfig, model: RobotModel, prefix: str) -> NamedPoseReader:
+    """Return the reader of a sensor's messages."""
+    levels = config.position_std or 1e-3, config.orientation_std or 1e-4
+    noise = SensorNoise(0.0, 0.0, *levels, 1.0, 1.0)
+    rotation, position, given = _frame(name, config, model, prefix)
+    base = prefix + model.base_link
+    if config.measures == 'position':  # a point; where it is on the base is of no use without a turn
+        reader = OdometryReader({}, AttachedFrame(np.eye(3), np.zeros(3)), (), 'child', noise)
+    elif given:
+        reader = OdometryReader({}, AttachedFrame(rotation, position), (), 'child', noise)
+    else:
+        links = {
+            prefix + link.name: AttachedFrame(link.rotation, link.position) for link in model.links if not link.body
+        }
+        reader = OdometryReader(links, None, [prefix + link.name for link in model.links], 'child', noise)
+    return NamedPoseReader(config.measures, base, reader)
+
+
+def _frame(name: str, config: NamedPoseConfig, model: RobotModel, prefix: str) -> tuple[Array, Array, bool]:
+    """Return axes (3, 3) and origin (3,) of what a sensor locates in the base link's frame, and whether given.
+
+    Raises ParameterError: It is no link of the base, or its marker's orientation is no unit quaternion.
+    """
+    try:
+        marker = marker_frame(config.marker)
+    except ParameterError as error:
+        raise ParameterError(str(error).replace("'marker.", f"'poses.{name}.marker.")) from error
+    if marker is not None:
+        return marker.rotation, marker.position, True
+    links = {prefix + link.name: link for link in model.links if link.body == 0}
+    if not config.frame:
+        return np.eye(3), np.zeros(3), False
+    if config.frame not in links:
+        raise ParameterError(
+            f"parameter 'poses.{name}.frame' is '{config.frame[:60]}'; accepted: a link of the base: {listing(links)}"
+        )
+    return links[config.frame].rotation, links[config.frame].position, True
+
+
+def _reference_names(config: PosesConfig) -> tuple[str, ...]:
+    """Return the sensors, where nothing else locates the base, that do: of its position, and of its orientation."""
+    if not config.alone:
+        return ()
+    return (*config.measuring('position')[:1], *config.measuring('orientation')[:1])
+
+
+def _refuse(config: PosesConfig) -> None:
+    """Refuse sensors that cannot be used together."""
+    if config.alone and not config.measuring('orientation'):
+        raise ParameterError(
+            "parameter 'poses.alone' is true, and none of 'poses.names' measures the orientation; accepted: one that "
+            'does'
+        )
+    for name, own in config.used.items():
+        if own.measures == 'position' and not own.same_world and name not in _reference_names(config):
+            raise ParameterError(
+                f"parameter 'poses.{name}.same_world' is false, and it measures positions alone, which do not "
+                'determine how its world is turned; accepted: true'
+            )
+
+
+class Reference:
+    """Makes the base's pose of the first sensors of position and of orientation, where nothing else locates it.
+
+    Only the motion between windows' knots is taken from it, that of which the filter estimates the error.
+
+    Parameters
+    ----------
+    position, orientation : names of the sensors; None: nothing measures a position
+    lever : (3,) m, in base axes, of the point that the first one locates
+    """
+
+    def __init__(self, position: str | None, orientation: str, lever: Array) -> None:
+        self._position, self._orientation, self._lever = position, orientation, lever
+        self._waiting: BaseStream | None = None
+        self._turns: BaseStream | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the sensor whose stamps it has."""
+        return self._position or self._orientation
+
+    def push(self, streams: Mapping[str, Any]) -> BaseStream | None:
+        """Add readings by the names of sensors; return the poses that they complete."""
+        turns: BaseStream | None = streams.get(self._orientation)
+        if self._position is None:
+            if turns is None:
+                return None
+            found = orientation_only(turns.stamp, turns.rotation, turns.pose_covariance[:, 3:, 3:])
+            return replace(found, declared=turns.declared)
+        if self._position == self._orientation:
+            return (
+                None
+                if turns is None
+                else replace(turns, linear_velocity=_unknown(turns), angular_velocity=_unknown(turns))
+            )
+        self._waiting, self._turns = _joined(self._waiting, streams.get(self._position)), _joined(self._turns, turns)
+        return self._completed()
+
+    def _completed(self) -> BaseStream | None:
+        """Return the waiting positions between orientations, with these."""
+        waiting, turns = self._waiting, self._turns
+        if waiting is None or turns is None or len(turns.stamp) < 2:
+            return None
+        count = int(np.searchsorted(waiting.stamp, turns.stamp[-1], side='right'))
+        ready, self._waiting = waiting[:count], waiting[count:]
+        ready = ready[ready.stamp >= turns.stamp[0]]
+        if not len(ready.stamp):
+            return None
+        right = np.maximum(np.searchsorted(turns.stamp, ready.stamp, side='left'), 1)
+        left = right - 1
+        part = (ready.stamp - turns.stamp[left]) / (turns.stamp[right] - turns.stamp[left])
+        turn = log(np.swapaxes(turns.rotation[left], -1, -2) @ turns.rotation[right])
+        rotation = turns.rotation[left] @ exp(part[:, None] * turn)
+        covariance = ready.pose_covariance.copy()
+        covariance[:, 3:] = covariance[:, :, 3:] = 0.0
+        covariance[:, 3:, 3:] = turns.pose_covariance[right, 3:, 3:]
+        self._turns = turns[max(int(left[-1]), 0) :]
+        return replace(
+            ready,
+            position=ready.position - rotate(rotation, self._lever),
+            rotation=rotation,
+            linear_velocity=_unknown(ready),
+            angular_velocity=_unknown(ready),
+            pose_covariance=covariance,
+        )
+
+
+def _unknown(stream: BaseStream) -> Array:
+    return np.full((len(stream.stamp), 3), np.nan)
+
+
+def _joined(first: BaseStream | None, second: BaseStream | None) -> BaseStream | None:
+    if first is None or second is None:
+        return second if first is None else first
+    return BaseStream.concatenate([first, second])
+
+
+def reference(config: PosesConfig, model: RobotModel, frame_prefix: str) -> Reference | None:
+    """Return what locates the base where nothing but named poses does; None where the odometry does."""
+    if not config.alone:
+        return None
+    position, orientation = (config.measuring(part)[:1] for part in ('position', 'orientation'))
+    lever: Array = np.zeros(3)
+    if position and config.used[position[0]].measures == 'position':
+        lever = _frame(position[0], config.used[position[0]], model, frame_prefix)[1]
+    return Reference(f'poses.{position[0]}' if position else None, f'poses.{orientation[0]}', lever)

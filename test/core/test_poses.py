@@ -1,0 +1,244 @@
+"""Further poses by name: interpolation between knots, rows in the filter, worlds of their own, what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.data import simulator_config
+from gyros import normalised
+from mbaid_ros.bags import BAG_TYPES
+from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
+from mbaid_ros.core.geometry import Array, exp, quaternion_from_rotation, rotation_from_quaternion
+from mbaid_ros.core.poses import EARLY, PoseCollector, pose_errors
+from mbaid_ros.core.poses import _between as between
+from mbaid_ros.core.poses import _interpolation as interpolation
+from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.samples import BaseStream, Samples, Stamps
+from mbaid_ros.errors import ParameterError
+from mbaid_ros.parameters import build
+from mbaid_ros.session.explanation import intake_warnings
+from mbaid_ros.session.session import Session
+from mbaid_ros.simulated_robot import make_simulation
+from mbaid_ros.simulated_run import SimulatedRun
+from sessions import NOISE, fed
+from simulated import robot
+from streams import urdf
+
+ROBOT = 'servicer7'
+START = 1_700_000_000_000_000_000  # ns
+GYRO = {'imu.rate': 100.0, 'imu.noise_density': 1e-5, 'imu.bias': [1e-3, -2e-3, 1e-3]}
+WITH_GYRO = {**EXACT, 'imu.noise_density': 1e-5, 'imu.bias_std': 1e-2}
+TRACKER = {'poses.names': ['tracker'], 'poses.tracker.measures': 'orientation', 'poses.tracker.orientation_std': 2e-5}
+Said = list[tuple[float, str, Any]]
+
+
+@cache
+def spoken(seed: int, seconds: float) -> tuple[tuple[float, str, Any], ...]:
+    """Return what joints, odometry and a gyro on the base say."""
+    made = SimulatedRun(simulator_config(ROBOT, {**NOISE, **GYRO, 'seed': seed}), urdf(ROBOT), BAG_TYPES)
+    made.start = START
+    return tuple((each.time, each.topic, each.message) for each in made.read(seconds - 0.001))
+
+
+def said(seed: int, seconds: float, *without: str) -> Said:
+    return [each for each in spoken(seed, seconds) if each[1] not in without]
+
+
+def poses(
+    name: str, seed: int, seconds: float, rate: float, noise: tuple[float, float], world: tuple[float, ...] = ()
+) -> Said:
+    """Return what a sensor of the base's pose says in the same run.
+
+    Parameters
+    ----------
+    rate, noise : Hz; m and rad, of a reading
+    world : turn (rad) and displacement (m) of its world; none: that of the odometry
+    """
+    simulation = make_simulation(simulator_config(ROBOT, {**NOISE, 'seed': seed}), robot(ROBOT))
+    times = np.arange(0.0137, seconds, 1.0 / rate)
+    truth = simulation.advance(times)
+    random = np.random.default_rng([seed, 77])
+    rotation = exp(noise[1] * random.normal(size=(len(times), 3))) @ rotation_from_quaternion(truth.base_orientation)
+    position = truth.base_position + noise[0] * random.normal(size=(len(times), 3))
+    if world:
+        turn = exp(np.array(world[:3]))
+        rotation, position = turn @ rotation, position @ turn.T + np.array(world[3:])
+    found = []
+    for time, place, turned in zip(times.tolist(), position, quaternion_from_rotation(rotation), strict=True):
+        stamp = START + round(time * 1e9)
+        header = SimpleNamespace(stamp=SimpleNamespace(sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id='world')
+        point = SimpleNamespace(**dict(zip('xyz', place.tolist(), strict=True)))
+        pose = SimpleNamespace(
+            position=point, orientation=SimpleNamespace(**dict(zip('xyzw', turned.tolist(), strict=True)))
+        )
+        found.append((time, f'poses.{name}', SimpleNamespace(header=header, pose=pose)))
+    return found
+
+
+def heard(messages: Said, parameters: Mapping[str, object], at_once: int = 100_000) -> tuple[Session, list[Estimate]]:
+    session = Session(build(EstimatorConfig, parameters), urdf(ROBOT))
+    in_order = sorted(messages, key=lambda each: each[0])
+    return session, fed(session, ((topic, message) for _, topic, message in in_order), at_once)
+
+
+def last(messages: Said, parameters: Mapping[str, object]) -> Estimate:
+    return heard(messages, parameters)[1][-1]
+
+
+def test_cubics_are_interpolated_exactly_between_knots() -> None:
+    place = np.array([[-0.3, 0.0], [0.4, 2.5], [4.7, 6.0]])
+    weights = interpolation(place, 7)
+    knots = np.arange(7.0)
+    for power in range(4):
+        assert weights @ knots**power == pytest.approx(place**power, abs=1e-11)
+
+
+def test_a_pose_between_knots_is_that_of_a_steady_turn() -> None:
+    times = np.arange(6.0)[:, None]
+    rate, velocity = np.array([[0.02, -0.03, 0.01], [0.0, 0.05, 0.02]]), np.array([[0.1, 0.0, -0.2], [0.3, 0.1, 0.0]])
+    rotation, position = exp(times[..., None] * rate), times[..., None] * velocity
+    place = np.array([[0.3, 4.6], [2.2, 3.9]])
+    turned, there = between(rotation, position, place, interpolation(place, 6))
+    assert turned == pytest.approx(exp(place[..., None] * rate), abs=1e-12)
+    assert there == pytest.approx(place[..., None] * velocity, abs=1e-12)
+
+
+def test_one_pose_is_a_position_and_an_orientation() -> None:
+    """Equal numbers of one sensor of both, and of two with the same readings, of which each measures one part."""
+    noise = 1e-3, 1e-4
+    read = poses('whole', 0, 11.0, 50.0, noise)
+    levels = {'position_std': noise[0], 'orientation_std': noise[1], 'time_offset_std': 0.0}
+    without = said(0, 11.0, 'odom', 'imu')
+
+    def declared(**measures: str) -> dict[str, object]:
+        own: dict[str, object] = {f'poses.{name}.{key}': each for name in measures for key, each in levels.items()}
+        own |= {f'poses.{name}.measures': value for name, value in measures.items()}
+        return {**EXACT, 'poses.alone': True, 'poses.names': list(measures), **own}
+
+    one = last([*without, *read], declared(whole='both'))
+    parts = [(time, f'poses.{name}', message) for name in ('place', 'turn') for time, _, message in read]
+    two = last([*without, *parts], declared(place='position', turn='orientation'))
+    assert one.identifiable.all()
+    assert two.parameters == pytest.approx(one.parameters, abs=1e-6 * float(np.min(one.std)))
+    assert two.std == pytest.approx(one.std, rel=1e-6)
+
+
+@pytest.mark.parametrize('world', [(), (0.3, -0.5, 1.0, 3.0, 2.0, 1.0)])
+def test_motion_capture_beside_odometry_makes_estimates_sharper(world: tuple[float, ...]) -> None:
+    alone = last(said(0, 11.0, 'imu'), EXACT)
+    read = poses('mocap', 0, 11.0, 100.0, (1e-4, 2e-5), world)
+    names = {'poses.names': ['mocap'], 'poses.mocap.position_std': 1e-4, 'poses.mocap.orientation_std': 2e-5}
+    both = last([*said(0, 11.0, 'imu'), *read], {**EXACT, **names, 'poses.mocap.same_world': not world})
+    assert both.status in {'estimating', 'converged'}
+    assert np.all(both.std < 0.6 * alone.std)
+    assert np.all(np.abs(normalised(both, ROBOT)) < 3.5)
+
+
+def test_a_star_tracker_and_a_gyro_alone() -> None:
+    read = poses('tracker', 1, 20.0, 2.0, (1.0, 2e-5))
+    session, estimates = heard([*said(1, 20.0, 'odom'), *read], {**WITH_GYRO, **TRACKER, 'poses.alone': True})
+    estimate = estimates[-1]
+    assert estimate.status in {'estimating', 'converged'}
+    assert estimate.identifiable.all()
+    assert np.all(np.abs(normalised(estimate, ROBOT)) < 3.5)
+    assert session.config.located is False
+
+
+def test_a_camera_that_measures_positions_beside_a_star_tracker() -> None:
+    read = [*poses('tracker', 2, 15.0, 2.0, (1.0, 2e-5)), *poses('camera', 2, 15.0, 5.0, (1e-3, 1.0))]
+    camera = {'poses.camera.measures': 'position', 'poses.camera.position_std': 1e-3, 'poses.alone': True}
+    names = {**TRACKER, **camera, 'poses.names': ['camera', 'tracker']}
+    estimate = last([*said(2, 15.0, 'odom'), *read], {**WITH_GYRO, **names})
+    assert estimate.identifiable.all()
+    assert np.all(np.abs(normalised(estimate, ROBOT)) < 3.5)
+
+
+def test_calls_make_no_difference() -> None:
+    messages = [*said(3, 8.0), *poses('tracker', 3, 8.0, 2.0, (1.0, 2e-5))]
+    at_once, few = (heard(messages, {**WITH_GYRO, **TRACKER}, count)[1] for count in (100_000, 7))
+    assert [each.stamp for each in at_once] == [each.stamp for each in few]
+    assert np.array_equal(at_once[-1].parameters, few[-1].parameters)
+    assert np.array_equal(at_once[-1].std, few[-1].std)
+
+
+def test_a_sensor_that_never_speaks_is_named_and_the_run_goes_on() -> None:
+    session, estimates = heard(said(0, 11.0, 'imu'), {**EXACT, **TRACKER})
+    assert 'poses.tracker is used, and nothing comes on tracker' in intake_warnings(session)
+    alone = heard(said(0, 11.0, 'imu'), EXACT)[1]
+    # It is waited for, a second.
+    before = next(each for each in alone if each.stamp == estimates[-1].stamp)
+    assert estimates[-1].std == pytest.approx(before.std, rel=1e-9)
+    assert alone[-1].stamp - estimates[-1].stamp <= 1_000_000_000
+
+
+def test_one_that_is_not_used_changes_nothing() -> None:
+    left_out = last(said(0, 8.0, 'imu'), {**EXACT, **TRACKER, 'poses.tracker.use': False})
+    assert np.array_equal(left_out.std, last(said(0, 8.0, 'imu'), EXACT).std)
+
+
+def readings(stamps: Stamps) -> BaseStream:
+    count = len(stamps)
+    unknown, nothing = np.full((count, 3), np.nan), np.zeros((count, 6, 6))
+    return BaseStream(
+        stamps, np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1)), unknown, unknown, nothing, nothing
+    )
+
+
+def samples(stamps: Stamps) -> Samples:
+    count = len(stamps)
+    still, upright, nothing = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 6, 6))
+    joints = np.zeros((count, 1))
+    return Samples(1e-9 * stamps, joints, joints, still, upright, still, still, nothing, nothing)
+
+
+@pytest.mark.parametrize('pieces', [1, 4, 40])
+def test_samples_have_the_readings_since_the_one_before(pieces: int) -> None:
+    """Times in ms: samples each 10, readings each 25 but one, which comes sooner than samples waited for it."""
+    stamps = np.sort(np.append(np.arange(3, 1000, 25), 504)) * 1_000_000
+    every = np.arange(0, 1000, 10) * 1_000_000
+    collector = PoseCollector(100_000_000, 'both', same_world=True)
+    counts: list[Array] = []
+    done = 0
+    for part in np.array_split(stamps, pieces):
+        collector.push(readings(part))
+        ready = int(np.searchsorted(every, collector.complete_until(int(every[-1])), side='right'))
+        if ready > done:
+            counts.append(collector.columns(samples(every[done:ready]), every[done:ready])[:, 0])
+            done = ready
+    expected = np.bincount(np.searchsorted(every, np.arange(3, 1000, 25) * 1_000_000), minlength=101)
+    found = np.concatenate(counts)
+    assert np.array_equal(found, expected[: len(found)])
+    assert collector.dropped[EARLY] == 1
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'named'),
+    [
+        ({'poses.names': ['a', 'a']}, "'poses.names' has 'a'"),
+        ({'poses.names': ['imu']}, "'poses.names' has 'imu'"),
+        ({'poses.names': ['a'], 'poses.a.frame': 'link3'}, "'poses.a.frame' is 'link3'"),
+        ({'poses.names': ['a'], 'poses.b.use': True}, "'poses.b' is of no pose"),
+        ({'poses.names': ['a'], 'poses.a.measures': 'position'}, "'poses.a.same_world' is false"),
+        ({'poses.alone': True}, "'poses.alone' is true, and none of 'poses.names' measures the orientation"),
+        ({'poses.names': ['a'], 'poses.a.marker.position': [0.0, 0.0, 1.0], 'poses.a.marker.orientation': [1.0] * 4},
+         "'poses.a.marker.orientation' has length 2"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_used_is_named_in_one_line(parameters: Mapping[str, object], named: str) -> None:
+    with pytest.raises(ParameterError) as error:
+        Session(build(EstimatorConfig, parameters), urdf(ROBOT))
+    assert named in str(error.value)
+    assert '\n' not in str(error.value)
+
+
+def test_what_is_not_measured_has_no_errors() -> None:
+    config = build(EstimatorConfig, TRACKER).poses.used['tracker']
+    errors = pose_errors('tracker', config, same_world=False)
+    assert set(errors.causes) == {'pose mount:tracker', 'pose world:tracker', 'pose delay:tracker'}
+    assert errors.count == 3 + 3 + 1
