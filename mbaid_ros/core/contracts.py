@@ -670,6 +670,7 @@ class Convention:
     delay: float = 0.0  # s, of the joints' stamps
     misfit_left: float = LEFT  # part of the misfit that it may leave to be tried
     repair: Repair | None = None  # how a run takes it into account; None where it cannot
+    rest: tuple[Unknown, ...] = ()  # how far the numbers that were found for it may be off
 
     def possible(self, windows: Sequence[Window]) -> bool:
         """Return whether windows may follow this convention: degrees make whole turns, millimetres are long."""

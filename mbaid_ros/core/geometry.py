@@ -106,6 +106,12 @@ def exp(rotation_vector: Array) -> Array:
     return _IDENTITY + sine * np.cos(half) * generator + 0.5 * sine**2 * square
 
 
+def mirror(rotation: Array, axis: int) -> Array:
+    """Return rotations (..., 3, 3) as they are with one axis of both frames reversed."""
+    signs = np.where(np.arange(3) == axis, -1.0, 1.0)
+    return np.asarray(signs[:, None] * rotation * signs)
+
+
 def log(rotation: Array) -> Array:
     """Return the rotation vector of a rotation matrix, well conditioned at every angle.
 

@@ -25,9 +25,11 @@ from mbaid_ros.core.geometry import (
 )
 from mbaid_ros.core.odometry.faults import (
     CONTRADICTS,
+    FITTED,
     Meanings,
     RateCheck,
     RateMotion,
+    axes_between,
     ends,
     likeliest,
     slope_over_window,
@@ -436,6 +438,9 @@ def _gyro_meanings(motion: RateMotion, name: str) -> Meanings:
     what = 'the IMU' if name == IMU else f'the gyro {topic_of(name)}'
     text = f'the angular velocity of {what} is 57.3 times that of the poses: it is in degrees; accepted: rad/s, as in'
     yield 1.0, f'{text} REP 103', np.deg2rad(motion.read)
+    meant, words = axes_between(motion.step, motion.read, motion.noise)
+    if words:
+        yield FITTED, f'{what} has {words}: correct the driver or its frame', meant
     turn, about = turn_between(motion.step, motion.read, motion.noise)
     if np.linalg.norm(log(turn)) > _TURNED:
         text = f'{what} is turned by {about} relative to its frame: correct the frame in the robot description, or set'

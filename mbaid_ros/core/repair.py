@@ -8,15 +8,22 @@ from typing import Literal
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, Flags, quaternion_from_rotation, rotation_from_quaternion
+from mbaid_ros.core.geometry import (
+    Array,
+    Flags,
+    exp,
+    mirror,
+    quaternion_from_rotation,
+    rotate,
+    rotation_from_quaternion,
+)
 from mbaid_ros.core.interval import BAND
 from mbaid_ros.core.samples import BaseStream, JointStream, Stamps
 
 Setting = bool | float | str | tuple[float, ...] | tuple[str, ...]  # the value of a parameter
-PoseMeaning = Literal['as read', 'inverse', 'w first', 'millimetres']
+PoseMeaning = Literal['as read', 'inverse', 'turned round', 'w first', 'mirrored x', 'mirrored y', 'mirrored z']
 _MARGIN = 1.5  # times the size found, that a declared standard deviation is at least
 _STEPS = np.array([1.0, 2.0, 5.0, 10.0])  # of declared standard deviations in a decade: round numbers
-_MILLIMETRE = 1e-3  # m
 # Share of the leading gain, and log-likelihood, within which another cause is as likely.
 _RIVAL_SHARE, _RIVAL_GAIN = 0.02, 10.0
 _MOST_RIVALS = 3  # causes of one repair: if more of them are as likely, nothing is known of the cause
@@ -24,12 +31,18 @@ _MOST_RIVALS = 3  # causes of one repair: if more of them are as likely, nothing
 
 @dataclass(frozen=True)
 class Conversion:
-    """Readings as they are meant, where that is not as they are read."""
+    """Readings as they are meant, where that is not as they are read.
 
-    factors: Mapping[str, float] = field(default_factory=dict)  # of joints' readings, by name
-    exchanged: tuple[str, ...] = ()  # two joints whose readings are each other's
+    A joint is its factor times the reading under the name of its column, plus its zero.
+    """
+
+    factors: Mapping[str, float] = field(default_factory=dict)  # by name
+    columns: Mapping[str, str] = field(default_factory=dict)  # by name, that under which a joint is read
+    zeros: Mapping[str, float] = field(default_factory=dict)  # by name, rad or m
     delay: float = 0.0  # s, by which the joints' stamps are late
     pose: PoseMeaning = 'as read'
+    mount: tuple[float, ...] = ()  # (6,) rad and m, of the base in what the poses locate
+    scale: float = 1.0  # m in a unit of the positions
     with_twist: bool = True
     # A joint's reading that has jumped: its name, the stamp (ns) of the first reading after that, rad or m.
     steps: tuple[tuple[str, int, float], ...] = ()
@@ -46,41 +59,48 @@ class Conversion:
         names : of all joints
         origin : ns, stamp of the first sample
         """
-        index = {names.index(name): names.index(other) for name, other in zip(*self._pairs, strict=True)}
-        factors = np.ones(max((max(key) + 1 for key in streams if key), default=0))
-        for name, factor in self.factors.items():
-            factors[[place for place in range(len(factors)) if place < len(names) and names[place] == name]] = factor
+        place = {name: index for index, name in enumerate(names)}
+        meant_by = {place[column]: place[name] for name, column in self.columns.items()}
         found = {}
         for key, stream in streams.items():
-            meant = [index.get(joint, joint) for joint in key]
+            meant = [meant_by.get(joint, joint) for joint in key]
             order = np.argsort(meant)
-            scale = factors[list(key)][order]
+            own = [names[meant[row]] for row in order]
+            scale, zero = (np.array([part.get(name, other) for name in own]) for part, other in self._scales)
             position = stream.position - self._jumped(stream, [names[joint] for joint in key])
             changed = JointStream(
-                stream.stamp - round(1e9 * self.delay), position[:, order] * scale, stream.velocity[:, order] * scale
+                stream.stamp - round(1e9 * self.delay),
+                position[:, order] * scale + zero,
+                stream.velocity[:, order] * scale,
             )
             found[tuple(sorted(meant))] = changed[self._kept(changed.stamp - origin)]
         return found
 
     def base(self, stream: BaseStream | None) -> BaseStream | None:
         """Return the readings of the base as they are meant."""
-        if stream is None or (self.with_twist and self.pose == 'as read'):
+        posed = self.pose != 'as read' or bool(self.mount) or self.scale != 1.0
+        if stream is None or (self.with_twist and not posed):
             return stream
         unknown = np.full(stream.linear_velocity.shape, np.nan)
-        # A twist is in the axes of poses as they were read.
-        stream = replace(stream, linear_velocity=unknown, angular_velocity=unknown)
-        if self.pose == 'millimetres':
-            return replace(stream, position=_MILLIMETRE * stream.position)
-        if self.pose == 'inverse':
-            return replace(stream, rotation=np.ascontiguousarray(np.swapaxes(stream.rotation, -1, -2)))
+        rotation, position = stream.rotation, self.scale * stream.position
         if self.pose == 'w first':
-            quaternion = np.roll(quaternion_from_rotation(stream.rotation), -1, axis=-1)
-            return replace(stream, rotation=rotation_from_quaternion(quaternion))
-        return stream
+            rotation = rotation_from_quaternion(np.roll(quaternion_from_rotation(rotation), -1, axis=-1))
+        elif self.pose.startswith('mirrored'):
+            axis = 'xyz'.index(self.pose[-1])
+            rotation, position = mirror(rotation, axis), np.where(np.arange(3) == axis, -1.0, 1.0) * position
+        elif self.pose != 'as read':
+            rotation = np.ascontiguousarray(np.swapaxes(rotation, -1, -2))
+        if self.pose == 'turned round':
+            position = -rotate(rotation, position)
+        if self.mount:
+            turn, lever = np.split(np.array(self.mount), 2)
+            rotation, position = rotation @ exp(turn), position + rotation @ lever
+        # A twist is in the axes of poses as they were read.
+        return replace(stream, rotation=rotation, position=position, linear_velocity=unknown, angular_velocity=unknown)
 
     @property
-    def _pairs(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        return self.exchanged, self.exchanged[::-1]
+    def _scales(self) -> tuple[tuple[Mapping[str, float], float], ...]:
+        return (self.factors, 1.0), (self.zeros, 0.0)
 
     def _jumped(self, stream: JointStream, names: Sequence[str]) -> Array:
         jumped = np.zeros(stream.position.shape)
@@ -126,16 +146,18 @@ class Repair:
     @property
     def how(self) -> str:
         """The declaration or conversion, in words."""
+        converted = 'readings are converted' if self.conversion is not None else ''
         if not self.parameters:
-            return 'readings are converted'
-        return 'as if ' + ', '.join(f'{name} were {shown(value)}' for name, value in self.parameters.items())
+            return converted
+        declared = ', '.join(f'{name} were {shown(value)}' for name, value in self.parameters.items())
+        return f'{converted}, as if {declared}' if converted else f'as if {declared}'
 
     def beyond(self, settings: Mapping[str, Setting]) -> Repair | None:
         """Return the part of it that given parameters lack; None where they have all of it."""
         if self.parameters is None:
             return self
         new = {name: value for name, value in self.parameters.items() if not _covers(settings.get(name), name, value)}
-        return replace(self, parameters=new) if new else None
+        return replace(self, parameters=new) if new or self.conversion is not None else None
 
 
 def shown(value: Setting) -> str:

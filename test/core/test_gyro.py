@@ -94,6 +94,9 @@ def window(rng: np.random.Generator, start: float, matrix: Array) -> Samples:
         (1.02 * exp(np.array([0.0, 0.03, 0.0])), ''),
         (np.eye(3) * 180.0 / np.pi, 'it is in degrees'),
         (np.diag([1.0, -1.0, -1.0]), 'turned by 180 degrees'),
+        (np.diag([1.0, -1.0, 1.0]), 'left-handed axes: its x, y, z are (x, -y, z) as read'),
+        (np.eye(3)[[1, 0, 2]], 'left-handed axes: its x, y, z are (y, x, z) as read'),
+        (np.diag([1.0, 1.5, 1.0]), 'axes of other scales: y reads 1.5 times its motion'),
         (exp(np.array([0.0, 0.0, -1.0])), 'turned by 57 degrees about (0.00, 0.00, 1.00)'),
     ],
 )

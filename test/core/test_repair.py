@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mbaid_ros.core.geometry import rotation_from_quaternion
+from mbaid_ros.core.geometry import Array, exp, mirror, rotation_from_quaternion
 from mbaid_ros.core.repair import Conversion, Repair, leading_repair, widened
 from mbaid_ros.core.samples import BaseStream, JointStream
 
@@ -41,7 +41,7 @@ def test_a_sign_and_exchanged_joints_are_converted() -> None:
     turned = converted(Conversion(factors={'elbow': -1.0}))
     np.testing.assert_array_equal(turned.position, read.position * [1.0, -1.0, 1.0])
     np.testing.assert_array_equal(turned.velocity, read.velocity * [1.0, -1.0, 1.0])
-    exchanged = converted(Conversion(exchanged=('shoulder', 'wrist')))
+    exchanged = converted(Conversion(columns={'shoulder': 'wrist', 'wrist': 'shoulder'}))
     np.testing.assert_array_equal(exchanged.position, read.position[:, ::-1])
 
 
@@ -49,7 +49,7 @@ def test_joints_of_several_publishers_are_exchanged_between_them() -> None:
     read = joints()
     shoulder = JointStream(read.stamp, read.position[:, :1], read.velocity[:, :1])
     parts: dict[tuple[int, ...], JointStream] = {(0,): shoulder}
-    found = Conversion(exchanged=('shoulder', 'wrist')).joints(parts, NAMES, 0)
+    found = Conversion(columns={'shoulder': 'wrist', 'wrist': 'shoulder'}).joints(parts, NAMES, 0)
     assert list(found) == [(2,)]
 
 
@@ -71,10 +71,49 @@ def test_poses_are_converted_and_their_twist_left_out() -> None:
     assert found is not None
     np.testing.assert_allclose(found.rotation, rotation_from_quaternion(quaternion), atol=1e-12)
     assert np.isnan(found.linear_velocity).all()
-    shorter = Conversion(pose='millimetres').base(read)
+    shorter = Conversion(scale=1e-3).base(read)
     assert shorter is not None
     np.testing.assert_allclose(shorter.position, 1e-3)
     assert Conversion().base(read) is read
+
+
+def test_poses_of_another_frame_turned_round_or_mirrored_are_those_of_the_base() -> None:
+    rng = np.random.default_rng(0)
+    rotation, position = exp(rng.normal(size=(5, 3))), rng.normal(size=(5, 3))
+    mount = np.array([0.3, -0.4, 0.2, 0.1, 0.2, -0.3])
+    turn = exp(mount[:3]).T
+    placed, where = rotation @ turn, position - rotation @ turn @ mount[3:]
+    read = {
+        'as read': (placed, where),
+        'turned round': (np.swapaxes(placed, 1, 2), -np.einsum('nji,nj->ni', placed, where)),
+        'mirrored y': (mirror(placed, 1), where * [1.0, -1.0, 1.0]),
+    }
+    for pose, (turned, place) in read.items():
+        conversion = Conversion(pose=pose, mount=tuple(mount))  # type: ignore[arg-type]
+        found = conversion.base(poses(turned, place))
+        assert found is not None
+        np.testing.assert_allclose(found.rotation, rotation, atol=1e-12)
+        np.testing.assert_allclose(found.position, position, atol=1e-12)
+
+
+def poses(rotation: Array, position: Array) -> BaseStream:
+    """Return readings of poses, whose twist is zero."""
+    count = len(rotation)
+    return BaseStream(
+        np.arange(count), position, rotation, np.zeros((count, 3)), np.zeros((count, 3)),
+        np.tile(np.eye(6), (count, 1, 1)), np.tile(np.eye(6), (count, 1, 1)), np.zeros((count, 4), dtype=bool),
+    )  # fmt: skip
+
+
+def test_columns_signs_gears_and_zeros_are_converted_together() -> None:
+    columns = {'shoulder': 'elbow', 'elbow': 'wrist', 'wrist': 'shoulder'}
+    conversion = Conversion(columns=columns, factors={'elbow': -2.0}, zeros={'wrist': 0.5})
+    found, read = converted(conversion), joints()
+    np.testing.assert_array_equal(found.position, read.position[:, [1, 2, 0]] * [1.0, -2.0, 1.0] + [0.0, 0.0, 0.5])
+    np.testing.assert_array_equal(found.velocity, read.velocity[:, [1, 2, 0]] * [1.0, -2.0, 1.0])
+    both = Repair('zero', {'known_joints.wrist.zero_std': 0.01}, conversion)
+    assert both.how == 'readings are converted, as if known_joints.wrist.zero_std were 0.01'
+    assert both.beyond({'known_joints.wrist.zero_std': 1.0}) is not None  # the readings are converted all the same
 
 
 def test_the_leading_cause_is_repaired_if_no_other_is_as_likely() -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from mbaid_ros.core.contracts import Convention, ConventionFactory, Hypothesis, Unknown, deviation_text
 from mbaid_ros.core.diagnosis.passes import FITTED, SLIPPING, FilterPasses, Fit, attempted, fitted, point_as_described
+from mbaid_ros.core.diagnosis.readings import mapped_joints, placed_bases, scaled_positions
 from mbaid_ros.core.filter.gaussian import SquareRootInformation
 from mbaid_ros.core.filter.hypotheses import LONGEST, HypothesisFilter, WhitenedWindows
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
@@ -49,6 +50,7 @@ CATCH_ALL = 0.95
 _REFINED, _ALIKE = 5, 3
 _EVERY = 2  # one window in so many shows which convention is likely: for half of the work
 _TRIED = 4  # conventions
+_SEVERAL = 0.05  # part of the misfit that a convention of one number leaves at least, for several to be looked for
 _SPOILT = 2  # joints with spoilt readings: two that fail at once are rare, and each takes passes
 _MOST_PULSES = 2  # that can be the cause; more of them are the symptom of another one
 _BEFORE = 10  # windows before a change of the target: the body before has to be known
@@ -198,6 +200,7 @@ class CandidateCauses:
     # follows from its estimate (`core/filter/posterior.py`).
     suspects: tuple[Unknown, ...] = ()
     conventions: tuple[ConventionFactory, ...] = ()  # that may be mistaken, in the order in which they are tried
+    several: list[Convention] = field(default_factory=list)  # with several numbers, that earlier searches have found
 
     def isolate(
         self,
@@ -272,7 +275,7 @@ class CandidateCauses:
         delays = [fit for fit in likely if fit.convention.delay]  # one of them will do
         for fit in [fit for fit in likely if fit not in delays[1:]][:_TRIED]:
             other = replace(self.layout, kernel=fit.convention.kernel)
-            passes, read = replace(self, layout=other).extended(), fit.convention.windows(windows)
+            passes, read = replace(self, layout=other).extended(*fit.convention.rest), fit.convention.windows(windows)
             part, repair = len(read) / len(windows), fit.convention.repair
             yield Candidate(fit.convention.text, passes, read, fit.point(other), part=part, repair=repair)
 
@@ -394,10 +397,17 @@ class CandidateCauses:
         """Return the fits of windows under the conventions that are possible, the declared ones first."""
         found, kernel = [], self.layout.kernel
         others = (convention for mistaken in self.conventions for convention in mistaken(kernel))
-        for convention in (Convention('', kernel), *others):
+        for convention in (Convention('', kernel), *others, *self.several):
             if convention.possible(windows):
                 found.append(fitted(windows, convention, _EVERY))
                 yield FITTED // _EVERY
+        # What is wrong in one number alone is found by now.
+        searches = placed_bases(kernel, windows, self.declared.marker), scaled_positions(kernel, windows)
+        for search in (*searches, mapped_joints(kernel, windows)):
+            if min(each.misfit for each in found if each.exists or each is found[0]) > _SEVERAL * found[0].misfit:
+                conventions = yield from search
+                self.several.extend(conventions)
+                found += [fitted(windows, convention, _EVERY) for convention in conventions]
         return found
 
     def _base(

@@ -126,7 +126,7 @@ def swapped_joints(kernel: MomentumKernel) -> Iterator[Convention]:
         swapped = np.arange(count, dtype=np.int64)
         swapped[[one, other]] = other, one
         text = f'{names[one]} and {names[other]} are swapped: check the names in the joint states'
-        repair = converted(text, Conversion(exchanged=(names[one], names[other])))
+        repair = converted(text, Conversion(columns={names[one]: names[other], names[other]: names[one]}))
         yield Convention(
             text, kernel, partial(_joints, change=partial(np.take, indices=swapped, axis=1)), repair=repair
         )

@@ -15,13 +15,14 @@ from mbaid_ros.core.geometry import (
     Array,
     exp,
     log,
+    mirror,
     quaternion_from_rotation,
     rotate,
     rotate_back,
     rotation_from_quaternion,
 )
 from mbaid_ros.core.odometry.model import marker_text
-from mbaid_ros.core.repair import Conversion, PoseMeaning, Repair
+from mbaid_ros.core.repair import Conversion, Repair
 from mbaid_ros.core.results.verdict import Reason, Severity
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import ArrayRecord, Samples
@@ -35,9 +36,11 @@ _FEWEST_RATES, _KEPT_RATES = (
 # Mean normalised square of the poses' steps less the rates', from which a rate is not that of the poses.
 CONTRADICTS = 4.0
 _LEFT = 0.25  # of the contradiction, and of the motion: most that another convention may leave to be accepted
-_FITTED = 2.0  # times as well as any other, that a convention with numbers of its own has to explain the data
+FITTED = 2.0  # times as well as any other, that a convention with numbers of its own has to explain the data
 _MILLIMETRE = 1e-3  # m: a unit
 Meanings = Iterator[tuple[float, str, Array]]  # times as well that it has to explain the data, in words, (W, k) steps
+_CLEARLY = 30.0  # standard deviations, that an axis moves by at least for its scale to be found
+_OTHER_SCALE = 0.1  # relative, of one axis: a smaller one is a scale error, and an unknown
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # cyclic neighbours of the three axes
 # Windows before a first comparison, and part of those compared before that come before the next: fewer add little; the
 # latest ones, whose motion is compared.
@@ -54,6 +57,7 @@ HELD = (
     'body; the method needs a base that floats'
 )
 _IS_HELD = Reason(HELD, 'conflict', _CERTAIN)
+TURNED, AWAY = np.radians(1.0), 0.02  # rad and m, that a frame is turned and away by at least to be mentioned
 _FAR_BASE = 20.0  # m, that a base seems to move at least where its positions may be in millimetres
 _FEWEST_WINDOWS = 12  # windows: fewer hold a few swings and a trend of five numbers, and nothing beside
 _FINER = 4  # frequencies tried for each that the length of the series resolves
@@ -221,18 +225,32 @@ def _twist_meanings(motion: RateMotion) -> Meanings:
     point = _point(motion)
     place = ', '.join(f'{-1e3 * each:.0f}' for each in point)
     yield (
-        _FITTED,
+        FITTED,
         f'{what} is that of a point ({place}) mm away from that of its poses, in base axes',
         np.concatenate((angular, linear + motion.arm @ point), axis=1),
     )
     step, read, noise = (np.concatenate(np.split(each, 2, axis=1)) for each in (motion.step, motion.read, motion.noise))
     middle = np.concatenate((motion.middle, motion.middle))
+    yield from _in_other_axes(motion)
     turn, about = turn_between(rotate_back(middle, step), rotate_back(middle, read), noise)
     yield (
-        _FITTED,
+        FITTED,
         f'the axes of the twist are turned by {about} against those of the poses',
         motion.turned(lambda rotation, part: rotate(rotation, rotate_back(rotation, part) @ turn.T)),
     )
+
+
+def _in_other_axes(motion: RateMotion) -> Meanings:
+    """Yield the angular or the linear velocity in axes of its own."""
+    halves = np.split(motion.read, 2, axis=1)
+    for index, part in enumerate(('angular', 'linear')):
+        own = slice(3 * index, 3 * index + 3)
+        step, read = (rotate_back(motion.middle, each[:, own]) for each in (motion.step, motion.read))
+        meant, words = axes_between(step, read, motion.noise[:, own])
+        if words:
+            meant_halves = [*halves[:index], rotate(motion.middle, meant), *halves[index + 1 :]]
+            text = f'the {part} velocity of the odometry has {words}: correct the driver'
+            yield FITTED, text, np.concatenate(meant_halves, axis=1)
 
 
 def _point(motion: RateMotion) -> Array:
@@ -251,6 +269,41 @@ def turn_between(step: Array, read: Array, noise: Array) -> tuple[Array, str]:
     angle = float(np.linalg.norm(about))
     axis = ', '.join(f'{each:.2f}' for each in np.round(about / max(angle, 1e-12), 2) + 0.0)
     return turn, f'{np.degrees(angle):.0f} degrees about ({axis})'
+
+
+def axes_between(step: Array, read: Array, noise: Array) -> tuple[Array, str]:
+    """Return vectors (N, 3) read in other axes as they best fit the steps, and that in words.
+
+    The axes may be reversed, exchanged, or scaled one by one; without words where a rotation does it, or nothing, or
+    where one of them hardly moves. The noise (N, 3) is that of the difference.
+    """
+    products, squares = step.T @ read, np.sum(read**2, axis=0)
+    if np.any(squares < _CLEARLY**2 * np.mean(noise**2, axis=0)):
+        return read, ''
+    best, found = np.inf, (read, '')
+    for order in permutations(range(3)):
+        own = products[range(3), order], squares[list(order)]
+        scale = own[0] / np.maximum(own[1], 1e-300)
+        meant = read[:, order] * scale
+        left = float(np.sum((step - meant) ** 2))
+        if left < best:
+            best, found = left, (meant, _axes_text(order, scale))
+    return found
+
+
+def _axes_text(order: tuple[int, ...], scale: Array) -> str:
+    """Return axes that are read for others, with the scale (3,) from a reading to its meaning."""
+    turned = np.sign(scale)[:, None] * np.eye(3)[list(order)]
+    off = [place for place in range(3) if abs(np.log(abs(scale[place]) + 1e-300)) > _OTHER_SCALE]
+    if not off and np.linalg.det(turned) > 0.0:
+        return ''
+    texts = []
+    if not np.array_equal(turned, np.eye(3)):
+        names = ', '.join('-' * int(scale[place] < 0.0) + 'xyz'[order[place]] for place in range(3))
+        hand = 'left-handed axes' if np.linalg.det(turned) < 0.0 else 'other axes'
+        texts.append(f'{hand}: its x, y, z are ({names}) as read')
+    texts += [f'{"xyz"[place]} reads {1.0 / abs(scale[place]):.3g} times its motion' for place in off]
+    return ', '.join(texts) if len(texts) > 1 or not off else f'axes of other scales: {texts[0]}'
 
 
 class HeldBase:
@@ -319,9 +372,52 @@ def _is_held(seen: Array) -> bool:
 
 
 def mistaken_poses(kernel: MomentumKernel) -> Iterator[Convention]:
-    """Yield inverse orientations, quaternions with w first, and positions in millimetres."""
+    """Yield inverse orientations, inverse poses, quaternions with w first, and positions in millimetres."""
     for text, pose, far, meaning in _POSES:
-        yield replace(_posed(text, kernel, pose, base_range=far), repair=converted(text, Conversion(pose=meaning)))
+        yield replace(_posed(text, kernel, pose, base_range=far), repair=converted(text, meaning))
+    repair = converted(_TURNED_ROUND, Conversion(pose='turned round'))
+    yield Convention(_TURNED_ROUND, kernel, turned_round, repair=repair)
+    for axis, meaning in enumerate(_MIRRORS):
+        text = _MIRRORED.format('xyz'[axis])
+        yield Convention(text, kernel, partial(mirrored, axis=axis), repair=converted(text, meaning))
+
+
+def turned_round(windows: Sequence[Window]) -> list[Window]:
+    """Return windows with the inverse poses, whose twist is left out."""
+    found, first = [], None
+    for window in map(without_twist, windows):
+        back = np.swapaxes(window.knots.base_rotation, -1, -2)
+        position = -rotate(back, window.knots.base_position + window.origin)
+        first = position[0] if first is None else first
+        knots = replace(window.knots, base_rotation=back, base_position=position - first)
+        found.append(replace(window, knots=knots))
+    return found
+
+
+def mirrored(windows: Sequence[Window], axis: int = 1) -> list[Window]:
+    """Return windows whose poses are in axes of the other hand, without their twist."""
+    return [
+        replace(
+            window,
+            knots=replace(
+                window.knots,
+                base_rotation=mirror(window.knots.base_rotation, axis),
+                base_position=np.where(np.arange(3) == axis, -1.0, 1.0) * window.knots.base_position,
+            ),
+        )
+        for window in map(without_twist, windows)
+    ]
+
+
+_MIRRORS = (Conversion(pose='mirrored x'), Conversion(pose='mirrored y'), Conversion(pose='mirrored z'))
+_MIRRORED = (
+    'the pose of the odometry is in left-handed axes, {0} mirrored: in ROS they are right-handed; reverse the {0} of '
+    'the position and the two other numbers of the vector part of the quaternion'
+)
+_TURNED_ROUND = (
+    'the pose of the odometry is turned round, that of the odometry frame in the base: in ROS it is that of the base '
+    'in the odometry frame; exchange parent and child, or publish the inverse'
+)
 
 
 def _scalar_first(knots: Knots) -> Knots:
@@ -330,19 +426,24 @@ def _scalar_first(knots: Knots) -> Knots:
     return replace(knots, base_rotation=rotation_from_quaternion(np.roll(quaternion, -1, axis=-1)))
 
 
-_POSES: tuple[tuple[str, Callable[[Knots], Knots], float, PoseMeaning], ...] = (
+_POSES: tuple[tuple[str, Callable[[Knots], Knots], float, Conversion], ...] = (
     (
         'the orientation of the odometry is the inverse: in ROS it rotates from the base to the odometry frame',
         lambda knots: replace(knots, base_rotation=np.swapaxes(knots.base_rotation, -1, -2)),
         0.0,
-        'inverse',
+        Conversion(pose='inverse'),
     ),
-    ('the quaternion of the odometry has its w first: in ROS it is x, y, z, w', _scalar_first, 0.0, 'w first'),
+    (
+        'the quaternion of the odometry has its w first: in ROS it is x, y, z, w',
+        _scalar_first,
+        0.0,
+        Conversion(pose='w first'),
+    ),
     (
         'the position of the odometry is in millimetres: in ROS it is in metres',
         lambda knots: replace(knots, base_position=_MILLIMETRE * knots.base_position),
         _FAR_BASE,
-        'millimetres',
+        Conversion(scale=_MILLIMETRE),
     ),
 )
 
@@ -378,18 +479,30 @@ def axis_conventions(kernel: MomentumKernel, marker: PlacedFrame | None = None) 
         if np.array_equal(axes, np.eye(3)):
             continue
         if np.linalg.det(axes) > 0.0:
-            vector = log(axes)
-            angle = float(np.linalg.norm(vector))
-            mount = np.concatenate((-vector, np.zeros(3)))
-            about = ', '.join(f'{each:.2g}' for each in np.round(vector / angle, 2) + 0.0)
-            text = (
-                f'the frame of the odometry is turned by {np.degrees(angle):.0f} degrees about ({about}) relative to '
-                f'the base link: turn it back, or set {marker_text(mount, marker)}'
-            )
+            mount = np.concatenate((-log(axes), np.zeros(3)))
+            text = other_frame_text(mount, marker)
             yield _posed(text, kernel, partial(_mounted, mount=mount), left=RIGHT)
         names = ', '.join('-' * int(row.sum() < 0.0) + 'xyz'[int(np.argmax(np.abs(row)))] for row in axes.T)
         text = f'the positions of the odometry are ({names}) in the axes of its orientations: publish both in one frame'
         yield _posed(text, kernel, partial(_exchanged, axes=axes), left=RIGHT)
+
+
+def other_frame_text(mount: Array, marker: PlacedFrame | None) -> str:
+    """Return that the poses are those of another frame on the base, at a mount (6,)."""
+    angle = float(np.linalg.norm(mount[:3]))
+    about = ', '.join(f'{each:.2g}' for each in np.round(-mount[:3] / max(angle, 1e-12), 2) + 0.0)
+    parts = [f'turned by {np.degrees(angle):.0f} degrees about ({about})'] if angle > TURNED else []
+    if np.linalg.norm(mount[3:]) > AWAY:
+        place = ', '.join(f'{1e3 * each:.0f}' for each in -(exp(mount[:3]).T @ mount[3:]))
+        parts.append(f'({place}) mm away')
+    how = 'turn it back' if np.linalg.norm(mount[3:]) <= AWAY else 'correct it'
+    where = f'{" and ".join(parts)} relative to the base link'
+    return f'the frame of the odometry is {where}: {how}, or set {marker_text(mount, marker)}'
+
+
+def mounted_windows(windows: Sequence[Window], mount: Array) -> list[Window]:
+    """Return the windows of a base at a mount (6,) in what the odometry locates, without its twist."""
+    return [replace(each, knots=_mounted(each.knots, mount)) for each in map(without_twist, windows)]
 
 
 def _exchanged(knots: Knots, axes: Array) -> Knots:

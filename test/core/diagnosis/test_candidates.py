@@ -85,7 +85,13 @@ def causes(kind: type[CandidateCauses] = CandidateCauses, *hypotheses: Hypothesi
 def fit(text: str, misfit: float, *, exists: bool = True, delay: float = 0.0, left: float = 0.8, every: int = 1) -> Any:
     """Return a fit under a convention that keeps one in so many windows."""
     convention = SimpleNamespace(
-        text=text, delay=delay, misfit_left=left, kernel=KERNEL, windows=lambda given: given[::every], repair=None
+        text=text,
+        delay=delay,
+        misfit_left=left,
+        kernel=KERNEL,
+        windows=lambda given: given[::every],
+        repair=None,
+        rest=(),
     )
     return SimpleNamespace(convention=convention, misfit=misfit, exists=exists, point=lambda layout: (text, layout))
 

@@ -145,6 +145,14 @@ READINGS: dict[str, Callable[[Array, Array, Array], tuple[Array, Array]]] = {
     'wrong sign': lambda _turn, v, w: (-v, -w),
     'set twist_frame: inertial': lambda turn, v, w: (rotate(turn, v), rotate(turn, w)),
     'set twist_frame: child': lambda turn, v, w: (rotate_back(turn, v), rotate_back(turn, w)),
+    'the linear velocity of the odometry has left-handed axes': lambda turn, v, w: (
+        rotate(turn, rotate_back(turn, v) * [1.0, -1.0, 1.0]),
+        w,
+    ),
+    'the angular velocity of the odometry has axes of other scales: z reads': lambda turn, v, w: (
+        v,
+        rotate(turn, rotate_back(turn, w) * [1.0, 1.0, 0.5]),
+    ),
     'is zero while its poses move': lambda _turn, v, w: (0.0 * v, 0.0 * w),
 }
 

@@ -1,0 +1,168 @@
+"""Readings that are meant otherwise in several ways at once: what was done to them is found, and how to undo it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.contracts import Convention
+from mbaid_ros.core.diagnosis.readings import mapped_joints, placed_bases, scaled_positions
+from mbaid_ros.core.geometry import Array, exp, mirror, rotation_from_quaternion
+from mbaid_ros.core.windows import AFTER, BEFORE, Window, WindowNoise, averages
+from observed import MID, configured_motion, kernel, observe
+
+JOINTS = [f'joint{number}' for number in range(1, 8)]
+MOUNT = np.array([0.785, -0.873, 0.576, -0.1, 0.4, 0.2])  # rad, 75 degrees in all, and m
+
+
+@cache
+def windows() -> tuple[Window, ...]:
+    """Return 20 s of servicer7 in windows of half a second."""
+    samples, spacing, length = observe(configured_motion('servicer7', 22.0, 100.0), MID, 3), 0.05, 0.5
+    count = BEFORE + round(length / spacing) + AFTER
+    noise = WindowNoise(50, MID.joint_position, np.eye(6) * 1e-6, np.eye(6) * 1e-6, 0.0)
+    found = []
+    for start in np.arange(1.0, 20.0, length):
+        begin = start - BEFORE * spacing
+        first, last = np.searchsorted(samples.time, [begin - 1e-6, begin + count * spacing - 1e-6])
+        knots = averages([samples[int(first) : int(last)]], np.array([begin]), spacing, count, np.zeros(3))
+        found.append(Window(knots, slice(BEFORE, count - AFTER), spacing, noise, float(start), after_gap=False))
+    return tuple(found)
+
+
+def finished(work: Generator[int, None, list[Convention]]) -> list[Convention]:
+    """Return the outcome of a search."""
+    found: list[Convention] = []
+
+    def outcome() -> Generator[int, None, None]:
+        found.extend((yield from work))
+
+    list(outcome())
+    return found
+
+
+def joints_read(change: Callable[[Array], Array]) -> list[Window]:
+    """Return the windows with other joint positions."""
+    return [
+        replace(each, knots=replace(each.knots, joint_position=change(each.knots.joint_position))) for each in windows()
+    ]
+
+
+def poses_read(change: Callable[[Array, Array], tuple[Array, Array]]) -> list[Window]:
+    """Return the windows with other rotations and positions."""
+    found = []
+    for each in windows():
+        rotation, position = change(each.knots.base_rotation, each.knots.base_position)
+        found.append(replace(each, knots=replace(each.knots, base_rotation=rotation, base_position=position)))
+    return found
+
+
+def read_as(
+    columns: Sequence[int] = range(7), gains: dict[int, float] | None = None, zeros: Any = None
+) -> list[Window]:
+    """Return windows whose joint i reads gain_i times its motion plus zero_i (degrees), in other columns then."""
+    gain, zero = np.ones(7), np.zeros(7)
+    for joint, value in (gains or {}).items():
+        gain[joint] = value
+    for joint, value in (zeros or {}).items():
+        zero[joint] = np.radians(value)
+    return joints_read(lambda position: (position * gain + zero)[:, list(columns)])
+
+
+@pytest.mark.parametrize(
+    ('read', 'said'),
+    [
+        (read_as(zeros={1: 30.0, 2: -30.0}), 'the zeros are off, of joint2 by +30'),
+        (read_as(zeros={0: 25.0, 3: -40.0, 5: 60.0}), 'the zeros are off, of joint1 by +2'),
+        (read_as(gains={2: -1.0}, zeros={0: 45.0}), 'the sign of joint3 is wrong, the zero is off, of joint1 by +4'),
+        (read_as(gains={1: 2.0}, zeros={3: 35.0}), 'joint2 reads 2 times its motion, the zero is off, of joint4 by +3'),
+        (read_as(columns=[0, 3, 2, 1, 4, 5, 6], zeros={4: 50.0}), 'joint2 and joint4 are swapped, the zero is off'),
+        pytest.param(read_as(columns=[1, 2, 3, 4, 5, 6, 0]), 'names, moved by 1', marks=pytest.mark.long),
+        pytest.param(read_as(columns=range(6, -1, -1)), 'in reversed order', marks=pytest.mark.long),
+        pytest.param(read_as(columns=[2, 1, 0, 5, 4, 3, 6]), 'joint1 and joint3 and', marks=pytest.mark.long),
+        pytest.param(read_as(gains=dict.fromkeys(range(6), -1.0)), 'the signs of joint1,', marks=pytest.mark.long),
+        pytest.param(
+            read_as(columns=[3, 5, 0, 1, 6, 2, 4]), 'stand under the wrong names: publish joint1 = joint3;',
+            marks=pytest.mark.long,
+        ),
+    ],
+)  # fmt: skip
+def test_several_wrong_joints_are_named_together_and_undone(read: list[Window], said: str) -> None:
+    (found,) = finished(mapped_joints(kernel('servicer7'), read))
+    assert said in found.text
+    for undone, true in zip(found.windows(read), windows(), strict=True):
+        away = undone.knots.joint_position - true.knots.joint_position
+        # Nothing shows the zero of the joint that carries the target.
+        assert np.max(np.abs(away[:, :6])) < 0.02
+    assert found.repair is not None
+
+
+def test_joints_as_they_are_meant_are_not_mapped() -> None:
+    assert finished(mapped_joints(kernel('servicer7'), windows())) == []
+
+
+def mounted(rotation: Array, position: Array) -> tuple[Array, Array]:
+    """Return the poses of a frame that is away from the base."""
+    turn = exp(MOUNT[:3])
+    return rotation @ turn.T, position - rotation @ turn.T @ MOUNT[3:]
+
+
+def turned_round(rotation: Array, position: Array) -> tuple[Array, Array]:
+    """Return the inverse poses of that frame."""
+    rotation, position = mounted(rotation, position)
+    back = np.swapaxes(rotation, -1, -2)
+    return back, -np.einsum('nij,nj->ni', back, position)
+
+
+def mirrored(rotation: Array, position: Array) -> tuple[Array, Array]:
+    """Return the poses of that frame in left-handed axes."""
+    rotation, position = mounted(rotation, position)
+    return mirror(rotation, 1), position * [1.0, -1.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ('change', 'said'), [(mounted, 'the frame'), (turned_round, 'turned round'), (mirrored, 'left-handed')]
+)
+def test_the_poses_of_another_frame_on_the_base_are_placed(
+    change: Callable[[Array, Array], tuple[Array, Array]], said: str
+) -> None:
+    read = poses_read(change)
+    (found,) = finished(placed_bases(kernel('servicer7'), read, None))
+    assert said in found.text
+    assert 'turned by 75 degrees about' in found.text
+    for undone, true in zip(found.windows(read), windows(), strict=True):
+        change_of_pose = np.swapaxes(undone.knots.base_rotation[:-1], -1, -2) @ undone.knots.base_rotation[1:]
+        true_change = np.swapaxes(true.knots.base_rotation[:-1], -1, -2) @ true.knots.base_rotation[1:]
+        np.testing.assert_allclose(change_of_pose, true_change, atol=1e-3)
+    assert found.repair is not None
+    assert found.repair.conversion is not None
+    assert found.repair.conversion.mount == pytest.approx(MOUNT, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ('times', 'said'),
+    [(1e3, 'in millimetres'), (100.0, 'in centimetres'), (1.0 / 0.0254, 'in inches'), (1.0 / 3.0, 'too small')],
+)
+def test_a_length_scale_is_named_by_its_unit_or_size(times: float, said: str) -> None:
+    read = poses_read(lambda rotation, position: (rotation, times * position))
+    (found,) = finished(scaled_positions(kernel('servicer7'), read))
+    assert said in found.text
+    assert found.repair is not None
+    assert found.repair.conversion is not None
+    assert found.repair.conversion.scale * times == pytest.approx(1.0, rel=0.2)
+
+
+def test_metres_are_no_other_unit() -> None:
+    assert finished(scaled_positions(kernel('servicer7'), windows())) == []
+
+
+def test_the_mount_that_is_named_can_be_pasted() -> None:
+    (found,) = finished(placed_bases(kernel('servicer7'), poses_read(mounted), None))
+    place, turn = (np.array(each.partition(']')[0].split(', '), float) for each in found.text.split('[')[1:])
+    np.testing.assert_allclose(rotation_from_quaternion(turn), exp(MOUNT[:3]).T, atol=0.02)
+    np.testing.assert_allclose(place, -exp(MOUNT[:3]).T @ MOUNT[3:], atol=0.02)
