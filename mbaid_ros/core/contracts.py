@@ -669,6 +669,7 @@ class Convention:
     base_range: float = 0.0  # m, that positions of the base do
     delay: float = 0.0  # s, of the joints' stamps
     misfit_left: float = LEFT  # part of the misfit that it may leave to be tried
+    least_mass: float = 0.0  # kg, of a target that it may be so for: a body in the hand makes no link lighter
     repair: Repair | None = None  # how a run takes it into account; None where it cannot
     rest: tuple[Unknown, ...] = ()  # how far the numbers that were found for it may be off
 

@@ -11,9 +11,9 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from mbaid_ros.core.contracts import Convention, NominalModel, Unknown, Words
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, unvec
 from mbaid_ros.core.interval import BAND
-from mbaid_ros.core.repair import Repair, Setting, numbers, widened
+from mbaid_ros.core.repair import Conversion, Repair, Setting, numbers, widened
 from mbaid_ros.core.robot.body import body_length, body_sizes, physical, physical_jacobian
 from mbaid_ros.core.robot.model import Link, PlaneDetector, RobotModel, express
 from mbaid_ros.core.robot.momentum import BodyStates, KnownErrors, MomentumKernel, regressor
@@ -26,6 +26,8 @@ _ALONE = 0.999  # part of a direction in one number, from which it is that numbe
 _UNITS = (1e3, 1e-3)  # grams for kilograms, and the other way round
 _HEAVY = 0.01  # share of the robot's mass, from which a link's inertia matters
 _REACH = 10.0  # times the robot's size, that no link's radius of gyration reaches
+# kg/m^3, lead and air: a denser link, or a lighter base, is described in another unit.
+_DENSEST, _LIGHTEST = 11_300.0, 1.2
 
 
 @dataclass(frozen=True)
@@ -282,15 +284,44 @@ def mistaken_masses(kernel: MomentumKernel) -> Iterator[Convention]:
                 change = np.zeros_like(kernel.known)
                 change[link.body] = (1.0 / unit - 1.0) * kernel.known[link.body]
                 text = f'link {link.name} is {unit:g} times as heavy as it is: a wrong unit or body in the URDF?'
-                yield Convention(text, kernel.with_body_changes(change))
+                repair = _converted(kernel, (link.body,), unit, f'link {link.name} is described') if link.body else None
+                yield Convention(text, kernel.with_body_changes(change), repair=repair)
+    yield from _arms_in_another_unit(kernel, heaviest)
+
+
+def _arms_in_another_unit(kernel: MomentumKernel, heaviest: Mapping[int, Link]) -> Iterator[Convention]:
+    """Yield all moving links in a wrong unit, by the heaviest link of each body.
+
+    An arm in grams moves as a base in tonnes does: they differ by the density that the links would have.
+    """
     moving = ', '.join(link.name for link in kernel.model.links if link.body and link.parameters[0] > 0.0)
-    for unit in _UNITS:
+    known = [body for body in heaviest if body and kernel.known[body, 0] > 0.0]
+    dense = all(_density(heaviest[body].parameters) > _DENSEST for body in known)
+    light = 0 in heaviest and _density(heaviest[0].parameters) < _LIGHTEST
+    for unit in _UNITS if dense or light else _UNITS[1:]:
         change = (1.0 / unit - 1.0) * kernel.known
         change[0] = 0.0
         yield Convention(
             f'the moving links ({moving}) are {unit:g} times as heavy as they are: a wrong unit?',
             kernel.with_body_changes(change),
+            repair=_converted(kernel, known, unit, 'the arm is described') if unit > 1.0 and dense else None,
         )
+
+
+def _converted(kernel: MomentumKernel, bodies: Sequence[int], unit: float, described: str) -> Repair:
+    """Return the repair of bodies whose known links are described so many times too heavy."""
+    unknown = {each.name for each in kernel.unknown}
+    links = [link.name for link in kernel.model.links if link.body in bodies and link.parameters[0] > 0.0]
+    factors = {name: 1.0 / unit for name in links if name not in unknown}
+    return Repair(f'{described} {unit:g} times as heavy as it is', conversion=Conversion(masses=factors))
+
+
+def _density(parameters: Array) -> float:
+    """Return the density of the solid ellipsoid with a link's (10,) standard parameters; infinite for a plate."""
+    inertia = unvec(physical(parameters)[4:])
+    second = (0.5 * np.trace(inertia) * np.eye(3) - inertia) / parameters[0]
+    volume = 4.0 / 3.0 * np.pi * np.sqrt(max(float(np.linalg.det(5.0 * second)), 0.0))
+    return float(parameters[0] / volume) if volume > 0.0 else np.inf
 
 
 def inertia(model: RobotModel) -> str:

@@ -31,7 +31,7 @@ _MOST_RIVALS = 3  # causes of one repair: if more of them are as likely, nothing
 
 @dataclass(frozen=True)
 class Conversion:
-    """Readings as they are meant, where that is not as they are read.
+    """Readings, or the robot description, as they are meant, where that is not as they are read.
 
     A joint is its factor times the reading under the name of its column, plus its zero.
     """
@@ -47,6 +47,7 @@ class Conversion:
     # A joint's reading that has jumped: its name, the stamp (ns) of the first reading after that, rad or m.
     steps: tuple[tuple[str, int, float], ...] = ()
     left_out: tuple[tuple[float, float], ...] = ()  # s since the first sample: joint readings in between
+    masses: Mapping[str, float] = field(default_factory=dict)  # factors of links' masses and inertias, by name
 
     def joints(
         self, streams: Mapping[tuple[int, ...], JointStream], names: Sequence[str], origin: int
@@ -144,13 +145,18 @@ class Repair:
         return f'repaired: {self.cause} ({self.how})'
 
     @property
+    def by_parameters(self) -> bool:
+        """Whether parameters alone take the cause into account."""
+        return self.parameters is not None and self.conversion is None
+
+    @property
     def how(self) -> str:
         """The declaration or conversion, in words."""
-        converted = 'readings are converted' if self.conversion is not None else ''
-        if not self.parameters:
-            return converted
-        declared = ', '.join(f'{name} were {shown(value)}' for name, value in self.parameters.items())
-        return f'{converted}, as if {declared}' if converted else f'as if {declared}'
+        set_to = ', '.join(f'{name} were {shown(value)}' for name, value in (self.parameters or {}).items())
+        parts = [f'as if {set_to}'] if set_to else []
+        if self.conversion is not None:
+            parts.insert(0, f'{"the robot description is" if self.conversion.masses else "readings are"} converted')
+        return ', '.join(parts)
 
     def beyond(self, settings: Mapping[str, Setting]) -> Repair | None:
         """Return the part of it that given parameters lack; None where they have all of it."""
@@ -235,11 +241,18 @@ def leading_repair(
         return None
     if len(found) == 1:
         return found[0]
-    if not several or any(each.parameters is None or each.conversion is not None for each in found):
+    converted = [each.conversion for each in found if each.conversion is not None]
+    # The unit of a link goes with a wider prior of that link; readings are what they are.
+    if not several or len(converted) > 1 or not all(each.masses for each in converted):
         return None
     together: dict[str, Setting] = {}
     for each in found:
         for name, value in (each.parameters or {}).items():
             if not _covers(together.get(name), name, value):
                 together[name] = value
-    return replace(found[0], cause=', or '.join(each.cause for each in found), parameters=together)
+    return replace(
+        found[0],
+        cause=', or '.join(each.cause for each in found),
+        parameters=together,
+        conversion=next(iter(converted), None),
+    )

@@ -24,6 +24,7 @@ from mbaid_ros.parameters import parameter
 # Relative standard deviation from which a mass may be zero, at two standard deviations.
 _MASS_MAY_VANISH = 0.5
 _KNOWN = 0.1  # relative standard deviation of a mass, up to which its centre of mass can be compared
+_STILL_A_LINK = 0.5  # times its described mass, that a link has at least: what it holds makes it no lighter
 _NO_MOMENTUM = 1e-9  # N s, of a frame that nothing locates: it moves with the common centre of mass
 
 
@@ -173,14 +174,22 @@ def target_changed_text(time: float, *, exchanged: bool) -> str:
     return f'the body moved in the grasp at {time:.1f} s: identify it again from then on'
 
 
-def other_targets(kernel: MomentumKernel) -> Iterator[Convention]:
-    """Yield another unknown link on each other body: the last one with an inertia."""
-    last = {link.body: link.name for link in kernel.model.links if link.parameters[0] > 0.0}
-    for body, name in last.items() if len(kernel.unknown) == 1 else ():
+def other_targets(kernel: MomentumKernel, *, declared: bool = False) -> Iterator[Convention]:
+    """Yield another unknown link on each other body: the last one with an inertia.
+
+    Where the parameters name the target, numbers of another link would answer another question: there is no repair.
+    """
+    last = {link.body: link for link in kernel.model.links if link.parameters[0] > 0.0}
+    for body, link in last.items() if len(kernel.unknown) == 1 else ():
         if body != kernel.target.body:
-            text = f'the unknown body seems to be held by {name}, not {kernel.target.name}: set target_link: {name}'
-            repair = Repair(text.partition(':')[0], {'target_link': name})
-            yield Convention(text, kernel.with_unknown_link(name), misfit_left=RIGHT, repair=repair)
+            found = f'the unknown body seems to be held by {link.name}, not {kernel.target.name}'
+            yield Convention(
+                f'{found}: set target_link: {link.name}',
+                kernel.with_unknown_link(link.name),
+                misfit_left=RIGHT,
+                least_mass=_STILL_A_LINK * float(link.parameters[0]),
+                repair=None if declared else Repair(found, {'target_link': link.name}),
+            )
 
 
 @dataclass(frozen=True, eq=False)

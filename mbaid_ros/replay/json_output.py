@@ -27,6 +27,7 @@ from mbaid_ros.replay.results import Run
 from mbaid_ros.session.continuation import continuation_as_json
 
 STDOUT = '-'
+_NOT_ALONE = '# This file alone does not give the same result: readings or the robot description were converted, too.'
 
 
 def check_outputs(arguments: argparse.Namespace, *options: str) -> None:
@@ -142,9 +143,9 @@ def as_json(run: Run) -> dict[str, Any]:
 
 
 def _repair(repair: Repair) -> dict[str, Any]:
-    """Return a cause that the run takes into account; `parameters` is None where its readings are converted."""
+    """Return a cause that the run takes into account; `parameters` is None where they alone cannot do it."""
     numbers = {name: plain(getattr(repair, name)) for name in ('value', 'std', 'unit', 'since')}
-    parameters = None if repair.parameters is None else plain(repair.parameters)
+    parameters = plain(repair.parameters) if repair.by_parameters else None
     return {'cause': repair.cause, 'parameters': parameters, **numbers}
 
 
@@ -156,6 +157,7 @@ def parameter_file(run: Run) -> str:
         values |= each.parameters or {}
     given = {name: plain(value) for name, value in values.items() if name not in defaults or value != defaults[name]}
     lines = [f'# {each}' for each in map(str, run.final.repairs)]
+    lines += [] if all(each.by_parameters for each in run.final.repairs) else [_NOT_ALONE]
     content = yaml.safe_dump({'/**': {'ros__parameters': given}}, sort_keys=False, allow_unicode=True)
     return '\n'.join([*lines, content])
 

@@ -191,15 +191,21 @@ def suspects(model: RobotModel) -> tuple[Unknown, ...]:
     )
 
 
-def conventions(marker: PlacedFrame | None) -> tuple[ConventionFactory, ...]:
-    """Return what a driver or a robot description may have mistaken, with a declared marker if there is one."""
+def conventions(marker: PlacedFrame | None, target_link: str) -> tuple[ConventionFactory, ...]:
+    """Return what a driver or a robot description may have mistaken.
+
+    Parameters
+    ----------
+    marker : if one is declared
+    target_link : as declared; empty if it is the last link
+    """
     return (
         reversed_joints,
         swapped_joints,
         joints_stamped_late,
         joints_in_degrees,
         mistaken_poses,
-        other_targets,
+        partial(other_targets, declared=bool(target_link)),
         mistaken_masses,
         partial(inverted_marker, marker=marker),
         partial(axis_conventions, marker=marker),

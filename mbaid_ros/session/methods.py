@@ -97,7 +97,7 @@ def _trajectory(
             adapt=_ADAPT and config.located,  # drifts show in poses only
         ),
         suspects=suspects(known.kernel.model),
-        conventions=conventions(known.declared.marker),
+        conventions=conventions(known.declared.marker, config.target_link),
         located=config.located,
         orientation_measured=config.oriented,
         before=before,

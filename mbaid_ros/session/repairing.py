@@ -9,6 +9,7 @@ from typing import Any
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.repair import Conversion, Repair, leading_repair
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.urdf import scale_inertials
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.parameters import build, values_of
 
@@ -50,6 +51,13 @@ def repaired(config: EstimatorConfig, repairs: Sequence[Repair]) -> EstimatorCon
 def conversions(repairs: Sequence[Repair]) -> tuple[Conversion, ...]:
     """Return the conversions of readings by repairs, in order."""
     return tuple(each.conversion for each in repairs if each.conversion is not None)
+
+
+def described(urdf: str, repairs: Sequence[Repair]) -> str:
+    """Return a robot description as repairs convert it."""
+    for each in conversions(repairs):
+        urdf = scale_inertials(urdf, each.masses) if each.masses else urdf
+    return urdf
 
 
 class RepairPolicy:

@@ -38,7 +38,7 @@ from mbaid_ros.session.catalogue import inputs, instruments
 from mbaid_ros.session.continuation import read_continuation
 from mbaid_ros.session.methods import make_capture, make_estimator
 from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
-from mbaid_ros.session.repairing import Given, Recording, RepairPolicy, conversions, refuse_repair, repaired
+from mbaid_ros.session.repairing import Given, Recording, RepairPolicy, conversions, described, refuse_repair, repaired
 from mbaid_ros.session.robot import EXACT_ROBOT, Robot
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
@@ -752,7 +752,7 @@ class Session:
         try:
             self.repairs = (*self.repairs, repair)
             self.config = repaired(self._declared[0], self.repairs)
-            self.robot = Robot(self.config, self.robot.urdf)
+            self.robot = Robot(self.config, described(self._declared[1].urdf, self.repairs))
             self._open(origin)
         except ParameterError:  # the parameters given do not go with it
             self.config, self.robot, self.repairs = before

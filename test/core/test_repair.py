@@ -12,6 +12,7 @@ from mbaid_ros.core.samples import BaseStream, JointStream
 NAMES = ('shoulder', 'elbow', 'wrist')
 ZERO = Repair('the zero of elbow is off', {'known_joints.elbow.zero_std': 0.05})
 AXIS = Repair('the axis of wrist is off', {'known_joints.wrist.axis_std': 0.05})
+GRAMS = Repair('link arm is in grams', conversion=Conversion(masses={'arm': 1e-3}))
 SIGN = Repair('the sign of elbow is wrong', conversion=Conversion(factors={'elbow': -1.0}))
 
 
@@ -133,6 +134,19 @@ def test_causes_that_are_as_likely_are_repaired_together_or_not_at_all() -> None
     assert leading_repair(causes, remedies, several=False) is None
     assert leading_repair([('zero', 1000.0), ('sign', 995.0)], remedies) is None
     assert leading_repair([('zero', 1000.0), ('unknown', 995.0)], remedies) is None
+
+
+def test_a_unit_of_the_description_goes_with_wider_priors_of_as_likely_causes() -> None:
+    causes = [('grams', 1000.0), ('zero', 995.0)]
+    both = leading_repair(causes, {'grams': GRAMS, 'zero': ZERO})
+    assert both is not None
+    assert (both.conversion, both.parameters) == (GRAMS.conversion, ZERO.parameters)
+    assert not both.by_parameters
+    declared = both.beyond({'known_joints.elbow.zero_std': 0.1})
+    assert declared is not None
+    assert declared.conversion == GRAMS.conversion
+    assert both.how == 'the robot description is converted, as if known_joints.elbow.zero_std were 0.05'
+    assert leading_repair([*causes, ('sign', 999.0)], {'grams': GRAMS, 'zero': ZERO, 'sign': SIGN}) is None
 
 
 def test_a_repair_counts_only_as_far_as_it_is_wider_than_what_is_declared() -> None:

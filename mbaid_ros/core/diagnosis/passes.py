@@ -44,8 +44,9 @@ class Fit:
 
     @property
     def exists(self) -> bool:
-        """Whether a body may have the fitted mass."""
-        return bool(self.parameters[6] > _LIGHTEST * np.sum(self.convention.kernel.known[:, 0]))
+        """Whether the target may have the fitted mass."""
+        least = self.convention.least_mass or _LIGHTEST * np.sum(self.convention.kernel.known[:, 0])
+        return bool(self.parameters[6] > least)
 
     def point(self, layout: Layout) -> Point:
         """Return where windows are linearised."""

@@ -585,6 +585,20 @@ def replace_inertial(urdf: str, link: str, parameters: Array) -> str:
     return ET.tostring(robot, encoding='unicode')
 
 
+def scale_inertials(urdf: str, factors: Mapping[str, float]) -> str:
+    """Return a URDF with the masses and inertias of links multiplied by factors, by name.
+
+    Raises ModelError: The document has no such link.
+    """
+    robot = tree_of(urdf, comments=True)
+    for link, factor in factors.items():
+        inertial = _part(robot, 'link', link, 'inertial')
+        for element in (*inertial.findall('mass'), *inertial.findall('inertia')):
+            for key, value in element.attrib.items():
+                element.set(key, repr(factor * float(value)))
+    return ET.tostring(robot, encoding='unicode')
+
+
 def _part(robot: ET.Element, kind: str, name: str, part: str) -> ET.Element:
     """Return the part of a link or joint, added where there is none."""
     for element in robot.findall(kind):

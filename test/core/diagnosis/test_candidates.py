@@ -78,7 +78,7 @@ def causes(kind: type[CandidateCauses] = CandidateCauses, *hypotheses: Hypothesi
         Declared(),
         (UNDISTURBED, *hypotheses),
         suspects(KERNEL.model),
-        conventions(None),
+        conventions(None, ''),
     )
 
 

@@ -15,10 +15,13 @@ from mbaid_ros.core.diagnosis.passes import fitted
 from mbaid_ros.core.geometry import Array, cross, exp, rotate, rotate_back, rotation_from_quaternion
 from mbaid_ros.core.odometry.faults import axis_conventions, twist_check
 from mbaid_ros.core.odometry.stream import AttachedFrame
+from mbaid_ros.core.repair import Conversion
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import MomentumKernel
+from mbaid_ros.core.robot.urdf import scale_inertials
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.windows import AFTER, BEFORE, Window, WindowNoise, averages
+from mbaid_ros.errors import ModelError
 from mbaid_ros.session.catalogue import conventions
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, configured_motion, kernel, observe, windows
@@ -107,7 +110,7 @@ def test_a_marker_declared_the_wrong_way_round_is_named_with_its_parameters() ->
 
 
 def likeliest(robot: MomentumKernel, samples: Samples, marker: AttachedFrame | None = None) -> str:
-    *factories, _ = conventions(marker)  # all but other axes
+    *factories, _ = conventions(marker, '')  # all but other axes
     windows, others = windows_of(samples), (each for mistaken in factories for each in mistaken(robot))
     fits = [fitted(windows, each, 4) for each in (Convention('', robot), *others) if each.possible(windows)]
     return min((fit for fit in fits if fit.exists), key=lambda fit: fit.misfit).convention.text
@@ -252,3 +255,55 @@ def test_poses_alone_are_no_twist() -> None:
     wrong = read(seen(), READINGS['wrong sign'])
     assert last_finding(replace(wrong, base_linear_velocity=np.full_like(wrong.base_linear_velocity, np.nan))) == ''
     assert last_finding(wrong[:350]) == ''  # seven windows
+
+
+def grams(factor: float, *links: str) -> MomentumKernel:
+    """Return servicer7 with links that are described so many times as heavy as they are."""
+    text = scale_inertials((CONFIG / 'servicer7.urdf').read_text(), dict.fromkeys(links, factor))
+    return MomentumKernel(load_model(text), 'link7')
+
+
+def mistaken(robot: MomentumKernel, text: str) -> Convention:
+    found = (each for factory in conventions(None, '') for each in factory(robot))
+    return next(each for each in found if each.text.startswith(text))
+
+
+ARM = tuple(f'link{index}' for index in range(1, 7))
+
+
+def test_a_link_in_grams_is_no_link_that_holds_the_body() -> None:
+    robot, windows = grams(1e3, 'link3'), windows_of(measured())
+    held = mistaken(robot, 'the unknown body seems to be held by link3')
+    assert not fitted(windows, held, 4).exists  # the link would be lighter with the body than without
+    unit = mistaken(robot, 'link link3 is 1000 times as heavy')
+    assert fitted(windows, unit, 4).exists
+    assert unit.repair is not None
+    assert unit.repair.conversion == Conversion(masses={'link3': 1e-3})
+    assert fitted(windows, mistaken(grams(1.0), 'the unknown body seems to be held by link3'), 4).exists
+
+
+def test_a_target_link_that_is_declared_is_not_replaced() -> None:
+    for declared, repaired in (('', True), ('link7', False)):
+        others = [each for factory in conventions(None, declared) for each in factory(kernel('servicer7'))]
+        found = [each for each in others if each.text.startswith('the unknown body')]
+        assert found
+        assert all((each.repair is not None) is repaired for each in found)
+
+
+def test_an_arm_in_grams_is_told_from_a_base_in_tonnes_by_matter_that_does_not_exist() -> None:
+    arm = mistaken(grams(1e3, *ARM), 'the moving links')
+    assert arm.repair is not None
+    assert arm.repair.conversion is not None
+    assert set(arm.repair.conversion.masses) == set(ARM)
+    tonnes = mistaken(grams(1e-3, 'base_link'), 'the moving links (link1')
+    assert tonnes.repair is None
+    assert mistaken(grams(1.0), 'the moving links').text.endswith('are 0.001 times as heavy as they are: a wrong unit?')
+
+
+def test_a_scaled_description_has_the_scaled_inertials_alone() -> None:
+    robot, scaled = (grams(factor, 'link2').model for factor in (1.0, 0.5))
+    for link, other in zip(robot.links, scaled.links, strict=True):
+        factor = 0.5 if link.name == 'link2' else 1.0
+        np.testing.assert_allclose(other.parameters, factor * link.parameters, rtol=1e-12)
+    with pytest.raises(ModelError, match='elbow'):
+        scale_inertials((CONFIG / 'servicer7.urdf').read_text(), {'elbow': 2.0})
