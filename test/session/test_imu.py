@@ -12,8 +12,9 @@ import pytest
 from gyros import KNOWN, Spoil, angular_momentum, messages, normalised, rated, taken
 from mbaid_ros.bags import BagWriter
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.filter.posterior import FIRST
 from mbaid_ros.core.geometry import Array, exp, quaternion_from_rotation, rotation_from_quaternion
-from mbaid_ros.core.gyro import IMU_FRAME, DeadReckoning, ImuReader
+from mbaid_ros.core.gyro import IMU_FRAME, DeadReckoning, Gyro, ImuReader
 from mbaid_ros.core.odometry.stream import measured_orientation
 from mbaid_ros.core.pipeline import GYRO_ALONE, ORIENTATION_AND_GYRO
 from mbaid_ros.core.samples import ImuStream
@@ -24,6 +25,21 @@ from mbaid_ros.session.explanation import obstacles
 from mbaid_ros.session.session import Session
 from simulated import CONFIG
 from streams import urdf
+
+
+def test_a_bias_that_walks_is_uncertain_until_the_end_of_the_newest_window() -> None:
+    walk = 1e-3  # rad/s/sqrt(s): in a window, far more than the gyro's noise leaves open
+    session, found = taken(messages('table1', 16.0, 0), 'table1', {**KNOWN, 'imu.bias_walk': walk})
+    posterior = session.posterior()
+    assert posterior is not None
+    (place,) = (
+        place
+        for unknown, place in zip(posterior.layout.unknowns, posterior.layout.places, strict=True)
+        if isinstance(unknown, Gyro)
+    )
+    bias = posterior.triangle[:, place.start - FIRST] * float(str(KNOWN['imu.bias_std']))
+    assert np.linalg.norm(bias) > 0.99 * walk * np.sqrt(session.config.window)
+    assert found[-1].identifiable.any()
 
 
 @pytest.mark.parametrize(('name', 'seconds'), [('table1', 16.0), ('ets7', 16.0)])

@@ -306,9 +306,9 @@ class Run:
         self._newest = still_open or ready or self._newest
         if still_open is not None:
             white = self._linearised.whitened(still_open, point)
-            # Where nothing acts or drifts, the pose error alone goes on from its first knot.
-            disturbed = self._latest.hypothesis.disturbed
-            (self._latest,) = update_bank((self._latest,), still_open, white, self._variables, advancing=disturbed)
+            # Where nothing acts, drifts or walks, the pose error alone goes on from its first knot.
+            moving = self._latest.hypothesis.disturbed or self._variables.random_walk.shape[1] > 0
+            (self._latest,) = update_bank((self._latest,), still_open, white, self._variables, advancing=moving)
 
     def _store(self, window: Window, *, joints_moved: bool) -> None:
         """Store a window, and begin a search where one is due; none as long as no joint has moved.

@@ -124,9 +124,14 @@ def at_window_start(
     """Return the Gaussian at the start of a window; with an unknown pose error where the chain was broken before it."""
     if not window.after_gap:
         return gaussian
-    if not window.gap or not white.momentum_change.any():
-        return pose_reset(gaussian, variables)
-    return pose_reset(gaussian, variables, momentum_change(white.momentum_change, white.length, window.gap, variables))
+    change = None
+    if window.gap and white.momentum_change.any():
+        change = momentum_change(white.momentum_change, white.length, window.gap, variables)
+    after = pose_reset(gaussian, variables, change)
+    if not (window.gap and variables.random_walk.shape[1]):
+        return after
+    walk = np.sqrt(window.gap) * variables.random_walk
+    return _with_rows(after, _with_random_walk(after.conditional.rows(), walk, len(variables.scale)))
 
 
 def pose_reset(

@@ -10,10 +10,17 @@ import pytest
 from mbaid_ros.core.contracts import UNDISTURBED, Axes, Hypothesis
 from mbaid_ros.core.filter.gaussian import SquareRootInformation, update
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
-from mbaid_ros.core.filter.time_update import advance, momentum_change, momentum_inflation, pose_reset
+from mbaid_ros.core.filter.time_update import (
+    advance,
+    at_window_start,
+    momentum_change,
+    momentum_inflation,
+    pose_reset,
+)
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.state import ANGULAR, LINEAR
-from windowed import STATE, UNKNOWNS, covariance_of, prepare, variables, window
+from mbaid_ros.core.windows import AFTER, BEFORE
+from windowed import STATE, UNKNOWNS, covariance_of, joint_window, prepare, variables, window
 
 
 def test_a_constant_force_moves_the_momentum() -> None:
@@ -154,3 +161,21 @@ def test_what_walks_is_less_certain_after_a_window_and_nothing_else_is() -> None
     assert covariance_of(after, space) == pytest.approx(covariance_of(still, space) + more, rel=1e-8, abs=1e-8)
     assert after.least_squares == pytest.approx(still.least_squares, rel=1e-8, abs=1e-8)
     assert np.all(np.tril(after.root[:, :-2], -1) == 0.0)
+
+
+@pytest.mark.parametrize('gap', [0.0, 8.0])
+def test_what_walks_goes_on_walking_in_a_gap(gap: float) -> None:
+    rng = np.random.default_rng(6)
+    walks = np.zeros((UNKNOWNS, 2))
+    walks[:2] = rng.normal(size=(2, 2))
+    space = replace(variables(rng), random_walk=walks)
+    white = prepare(window(rng), space)
+    before = update(SquareRootInformation.prior(space), white)
+    coming = joint_window(np.zeros((BEFORE + 10 + AFTER, 2)), 0.0)
+    after = at_window_start(before, replace(coming, after_gap=True, gap=gap), white, space)
+    still = at_window_start(
+        before, replace(coming, after_gap=True, gap=gap), white, replace(space, random_walk=np.zeros((0, 0)))
+    )
+    more: Array = np.zeros((STATE, STATE))
+    more[-UNKNOWNS:, -UNKNOWNS:] = gap * walks @ walks.T
+    assert covariance_of(after, space) == pytest.approx(covariance_of(still, space) + more, rel=1e-8, abs=1e-8)
