@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from mbaid_ros.core.contracts import Convention, Linear, Motion, NominalModel, Unknown, Words, converted
+from mbaid_ros.core.contracts import CLEAR, Convention, Linear, Motion, NominalModel, Unknown, Words, converted
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.repair import Conversion, Repair, wider_prior, with_band
 from mbaid_ros.core.robot.momentum import MomentumKernel
@@ -18,7 +18,6 @@ from mbaid_ros.parameters import parameter
 
 OFFSET, CLOCK = 'time offset', 'clock drift'
 _LARGEST_DRIFT = 0.01  # of time_offset.drift_std
-_CLEAR = 4.0  # standard deviations, from which a delay is one: joints are moved in time at the price of noise in them
 # s, late or early by 50 ms to half a second: less is within the prior of the time offset.
 _DELAYS = 0.05 * np.concatenate((np.arange(-10, 0), np.arange(1, 11)))
 
@@ -63,7 +62,7 @@ class TimeOffset(Unknown):
 
     def linearisation_value(self, value: Array, deviation: Array) -> Array:
         """Return the delay that the joints are taken later by: none, unless it is clearly one."""
-        return np.where(np.abs(value) > _CLEAR * deviation, value, 0.0)
+        return np.where(np.abs(value) > CLEAR * deviation, value, 0.0)
 
     def applied_to(self, nominal: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with this delay."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, lru_cache
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol
@@ -19,6 +19,7 @@ from mbaid_ros.core.samples import Samples, Stamps
 from mbaid_ros.core.windows import Knots, Midpoints, Window, at_the_base, midpoints, with_joints_later
 
 _LARGEST_SIZE = 10.0  # that is tried (trajectory.md, eq. 8): beyond it, how many times is not known
+CLEAR = 4.0  # standard deviations, from which a delay is one: joints are moved in time at the price of noise in them
 STACK = 10  # windows linearised at a time: one piece of work, of some milliseconds
 # Where a constant force and torque acts, and in which axes.
 Axes = Literal['none', 'inertial', 'inertial on the base', 'body']
@@ -39,6 +40,8 @@ class NominalModel:
     thrust: Array = field(default_factory=lambda: np.zeros(0))
     # (12,) bias, scale, turn and cross-axis of a gyro that alone observes the orientation
     gyro: Array = field(default_factory=lambda: np.zeros(12))
+    # (n,) s, by how much each joint is read later than that; empty is not at all
+    lags: Array = field(default_factory=lambda: np.zeros(0))
 
     @staticmethod
     def nominal(kernel: MomentumKernel) -> NominalModel:
@@ -104,6 +107,7 @@ class Words:
     remedy: str = ''  # how to know them better; {} stands for the name
     # of the thing's name and its numbers (SI units), what they would have to be, and what to do
     deviation: Callable[[str, Array], str] | None = None
+    together: Callable[[Sequence[str], Array], str] | None = None  # the same of all things of the kind
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,8 +163,14 @@ class Unknown:
         return {}
 
     def part(self, cause: str) -> Unknown:
-        """Return its independent numbers that have most to do with a label alone."""
-        return replace(self, factor=self.factor[:, np.array(self.causes) == cause])
+        """Return its independent numbers that have most to do with a label alone, or with all of a kind."""
+        return replace(self, factor=self.factor[:, [belongs(own, cause) for own in self.causes]])
+
+    def without(self, causes: Collection[str]) -> Unknown:
+        """Return it without the independent numbers that have most to do with some labels; itself if it has none."""
+        if not set(causes) & set(self.causes):
+            return self
+        return replace(self, factor=self.factor[:, [cause not in causes for cause in self.causes]])
 
     def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair | None:
         """Return how a run takes a cause of it into account; None where it cannot.
@@ -219,8 +229,8 @@ class Unknown:
         del sensor, motion
         return None
 
-    def deflections(self, position: Array, rate: Array) -> tuple[Array, Array]:
-        """Return how much further on and faster than read (N, n) the joints are by it, (N, n, k) each."""
+    def deflections(self, position: Array, rate: Array, acceleration: Array) -> tuple[Array, Array]:
+        """Return how much further on and faster than read the joints are by it, (N, n, k) each, of motion (N, n)."""
         raise NotImplementedError(type(self).__name__)
 
     @property
@@ -312,6 +322,16 @@ class Linear(Unknown):
         return nominal
 
 
+def belongs(label: str, cause: str) -> bool:
+    """Return whether a label is a cause, or of the kind that the cause is: 'lag:elbow' is of 'lag'."""
+    return label == cause or label.partition(':')[0] == cause
+
+
+def together(cause: str) -> bool:
+    """Return whether all things of the kind of a cause may be mistaken at once, each by its own."""
+    return _words_of(cause)[0].together is not None
+
+
 def diagonal(deviations: Sequence[float] | Array) -> Array:
     """Return the (k, e) factor of independent numbers with these standard deviations (k,); 0 is exact."""
     sizes = np.asarray(deviations, dtype=float)
@@ -398,9 +418,14 @@ def underestimated_text(cause: str, size: float) -> str:
     )
 
 
-def deviation_text(cause: str, value: Array) -> str:
-    """Return the value that an unknown would need, by its label and numbers (k,), SI units, and the remedy."""
+def deviation_text(cause: str, value: Array, names: Sequence[str] = ()) -> str:
+    """Return the value that an unknown would need, by its label and numbers (k,), SI units, and the remedy.
+
+    `names` are those of the things where the label is that of a whole kind.
+    """
     words, name = _words_of(cause)
+    if names and words.together is not None:
+        return words.together(names, value)
     if words.deviation is None:
         return f'{cause} is off by {np.linalg.norm(value):.3g}'
     return words.deviation(name, value)
@@ -448,8 +473,8 @@ class Stack:
             errors = bias + scale * read + cross(read, np.broadcast_to(turn, read.shape)) + crossed(read) @ shared
             own, others = np.split(middle.further, [3], axis=-1)
             middle = replace(middle, further=np.concatenate((own - errors, others), axis=-1))
-        if nominal.delay != 0.0:
-            middle = with_joints_later(middle, nominal.delay, self.windows[0].spacing)
+        if nominal.delay != 0.0 or nominal.lags.any():
+            middle = with_joints_later(middle, nominal.delay, nominal.lags, self.windows[0].spacing)
         if nominal.zeros.any():
             middle = replace(middle, joint_position=middle.joint_position + nominal.zeros)
         first, last, _ = self.windows[0].inside.indices(len(middle))

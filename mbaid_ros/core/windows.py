@@ -242,15 +242,18 @@ def midpoints(knots: Knots, spacing: float) -> Midpoints:
     )
 
 
-def with_joints_later(middle: Midpoints, late: float, spacing: float) -> Midpoints:
-    """Return the joints' motion `late` s after the midpoints, to third order, beside the base's at the midpoints."""
-    rate = middle.joint_velocity
+def with_joints_later(middle: Midpoints, late: float, lags: Array, spacing: float) -> Midpoints:
+    """Return the joints' motion `late` s after the midpoints, to third order, beside the base's at the midpoints.
+
+    Each joint is later by its own of `lags` (n,), s, as well; empty is by none.
+    """
+    rate, each = middle.joint_velocity, late + lags if lags.size else late
     second = gradient(rate) / spacing
     third = gradient(second) / spacing
     return replace(
         middle,
-        joint_position=middle.joint_position + late * (rate + late / 2.0 * (second + late / 3.0 * third)),
-        joint_velocity=rate + late * (second + late / 2.0 * third),
+        joint_position=middle.joint_position + each * (rate + each / 2.0 * (second + each / 3.0 * third)),
+        joint_velocity=rate + each * (second + each / 2.0 * third),
         stored=middle.stored + late / spacing * gradient(middle.stored),
     )
 

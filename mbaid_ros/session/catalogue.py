@@ -39,7 +39,14 @@ from mbaid_ros.core.gyro import (
     gyro_sensors,
 )
 from mbaid_ros.core.joints.faults import joints_in_degrees, reversed_joints, swapped_joints
-from mbaid_ros.core.joints.model import declared_placements, declared_tracking, geared_joints
+from mbaid_ros.core.joints.model import (
+    SUSPECTED_LAG,
+    declared_lags,
+    declared_placements,
+    declared_tracking,
+    geared_joints,
+    joint_lags,
+)
 from mbaid_ros.core.links import known_bodies, mistaken_masses
 from mbaid_ros.core.odometry.faults import axis_conventions, inverted_marker, mistaken_poses
 from mbaid_ros.core.odometry.model import (
@@ -83,6 +90,7 @@ def unknowns(config: EstimatorConfig, kernel: MomentumKernel) -> tuple[Unknown, 
         declared_wheels(config.wheels, kernel),
         declared_thrusters(config.thrust, model),
         declared_tracking(config.known_joints, model),
+        declared_lags(config.known_joints, model),
         *declared_springs(config.flexible, kernel),
         declared_mount(config.odometry_mount, located=odometry),
         *(declared_gyro(gyros[sensor.name], sensor) for sensor in _gyro_sensors(config, model)),
@@ -188,6 +196,7 @@ def suspects(model: RobotModel) -> tuple[Unknown, ...]:
         twist_bias(1e-5, 0.0),
         twist_bias(0.0, 1e-4),
         geared_joints(model.joint_names),
+        joint_lags(model.joint_names, [SUSPECTED_LAG] * model.joints),
     )
 
 

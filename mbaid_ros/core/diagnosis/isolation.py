@@ -9,7 +9,7 @@ from itertools import chain
 
 import numpy as np
 
-from mbaid_ros.core.contracts import Convention, ConventionFactory, Hypothesis, Unknown, deviation_text
+from mbaid_ros.core.contracts import Convention, ConventionFactory, Hypothesis, Unknown, belongs, deviation_text
 from mbaid_ros.core.diagnosis.passes import FITTED, SLIPPING, FilterPasses, Fit, attempted, fitted, point_as_described
 from mbaid_ros.core.diagnosis.readings import mapped_joints, placed_bases, scaled_positions
 from mbaid_ros.core.filter.gaussian import SquareRootInformation
@@ -264,7 +264,7 @@ class CandidateCauses:
     ) -> Iterator[Candidate]:
         """Yield unknowns with a wider prior."""
         for cause in likeliest_kinds({cause: value for cause, (value, _) in gains.items() if value > WORTH}):
-            suspected = (each.part(cause) for each in self._suspects if cause in each.causes)
+            suspected = (each.part(cause) for each in self._suspects if any(belongs(own, cause) for own in each.causes))
             passes = self.extended(*suspected).with_inflated_prior(cause, gains[cause][1])
             yield Candidate(_text_of(passes, cause), passes, windows, at, of_twist=cause in OF_TWIST, repair=cause)
 
@@ -455,7 +455,7 @@ class CandidateCauses:
 
     @property
     def _suspects(self) -> tuple[Unknown, ...]:
-        return tuple(each for each in self.suspects if not set(each.causes) & set(self.layout.causes))
+        return tuple(each for each in (own.without(self.layout.causes) for own in self.suspects) if each.count)
 
     def extended(self, *more: Unknown) -> FilterPasses:
         """Return passes with more unknowns."""
@@ -471,7 +471,7 @@ def _text_of(passes: FilterPasses, cause: str) -> Callable[[HypothesisFilter], s
         if kind == 'link' and value[0] <= -_LIGHTER * kernel.known[kernel.model.link(name).body, 0]:
             return None
         declared = f', or set {marker_text(value, passes.declared.marker)}' if kind == 'mount' else ''
-        return deviation_text(cause, value) + declared
+        return deviation_text(cause, value, () if name else kernel.model.joint_names) + declared
 
     return text
 

@@ -9,13 +9,13 @@ from typing import TypeVar
 
 import numpy as np
 
-from mbaid_ros.core.contracts import Convention, Hypothesis, Stack, in_stacks, stacked
+from mbaid_ros.core.contracts import Convention, Hypothesis, Stack, belongs, in_stacks, stacked, together
 from mbaid_ros.core.filter.gauss_newton import BatchIteration
 from mbaid_ros.core.filter.gaussian import SquareRootInformation, update
 from mbaid_ros.core.filter.hypotheses import HypothesisFilter, WhitenedWindows, rare_event_likelihood
 from mbaid_ros.core.filter.linearise import LinearisationCache
 from mbaid_ros.core.filter.posterior import MeanAndCovariance, PriorComparison
-from mbaid_ros.core.geometry import Array, skew
+from mbaid_ros.core.geometry import Array, Integers, skew
 from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import MomentumKernel, inertia_matrix
@@ -213,19 +213,23 @@ class FilterPasses:
         """Return the gain of each cause by a wider prior, and the factor of its width; some have been declared."""
         values, covariance = MeanAndCovariance.from_gaussian(base, self.variables).unknowns(self.layout)
         found = {}
-        for place, cause in enumerate(self.layout.causes):
-            own = np.flatnonzero(self.layout.belongs[:, place])
+        kinds = (cause.partition(':')[0] for cause in self.layout.causes if together(cause))
+        for cause in (*self.layout.causes, *dict.fromkeys(kinds)):
+            own = self._numbers_of(cause)
             numbers = PriorComparison.from_posterior(values[own], covariance[np.ix_(own, own)])
-            gain, times = numbers.gain(_MOST[cause not in declared])
+            gain, times = numbers.gain(_MOST[not any(belongs(each, cause) for each in declared)])
             found[cause] = float(gain), float(times)
         return found
 
     def with_inflated_prior(self, cause: str, factor: float) -> FilterPasses:
         """Return the same with the prior of one cause so many times as wide."""
-        known, place = self.layout.known, self.layout.causes.index(cause)
-        wider = np.where(self.layout.belongs[:, place] > 0.0, factor, 1.0)
+        known, wider = self.layout.known, np.ones(len(self.layout.cause_of))
+        wider[self._numbers_of(cause)] = factor
         prior = UnknownsPrior(known.mean, wider[:, None] * known.factor)
         return replace(self, layout=replace(self.layout, known=prior))
+
+    def _numbers_of(self, cause: str) -> Integers:
+        return np.flatnonzero([belongs(each, cause) for each in self.layout.cause_of])
 
     def value(self, filtered: HypothesisFilter, cause: str) -> Array:
         """Return the numbers (k,) of a cause as they are estimated, SI units."""
@@ -233,7 +237,7 @@ class FilterPasses:
         found: list[Array] = []
         for unknown, place in zip(self.layout.unknowns, self.layout.places, strict=True):
             numbers = unknown.factor @ mean[place]
-            found += [numbers[row : row + 1] for row, label in enumerate(unknown.labels) if label == cause]
+            found += [numbers[row : row + 1] for row, label in enumerate(unknown.labels) if belongs(label, cause)]
         return np.concatenate(found) if found else np.zeros(0)
 
     def repair(self, filtered: HypothesisFilter, cause: str) -> Repair | None:
@@ -248,7 +252,7 @@ def estimated_repair(distribution: MeanAndCovariance, layout: Layout, cause: str
     become (1 - D P)^-1 m and (1 - D P)^-1 P.
     """
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
-        rows = np.flatnonzero(np.array(unknown.labels) == cause)
+        rows = np.flatnonzero([belongs(label, cause) for label in unknown.labels])
         if len(rows):
             own = np.flatnonzero(np.any(unknown.factor[rows] != 0.0, axis=0))
             factor, places = unknown.factor[np.ix_(rows, own)], place.start + own

@@ -260,7 +260,10 @@ def window_models(
         prediction, bodies = predict(layout, Midpoints.concatenate([motion.flat for motion, _ in motions]), point)
     for unknown, place in layout.of_joints:
         every = Midpoints.concatenate([motion.flat for motion, _ in motions])
-        prediction.by_parameters[..., place] += by_deflections(unknown, point.nominal.kernel, every, bodies)
+        faster = np.concatenate(
+            [_accelerations(stack, motion) for stack, (motion, _) in zip(stacks, motions, strict=True)]
+        )
+        prediction.by_parameters[..., place] += by_deflections(unknown, point.nominal.kernel, every, faster, bodies)
     predictions = prediction.divided([motion.turn.shape[:2] for motion, _ in motions])
     noises = joint_noise(
         layout, point.nominal.kernel, stacks, [inside for _, inside in motions], predictions, bodies, swing=swing
@@ -277,6 +280,12 @@ def window_models(
     if len(stacks) == 1:
         return models[0]
     return WindowModel.concatenate(models)[np.argsort(np.concatenate([stack.places for stack in stacks]))]
+
+
+def _accelerations(stack: Stack, motion: Midpoints) -> Array:
+    """Return the joints' accelerations (N, n) in a stack's motion, one window after the other in each interval."""
+    rate = motion.joint_velocity
+    return (gradient(rate) / stack.windows[0].spacing).reshape(-1, rate.shape[-1])
 
 
 def _models(

@@ -11,10 +11,10 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.linalg.lapack import dtrtrs
 
-from mbaid_ros.core.contracts import Linear, NominalModel, Stack, Unknown, Words, diagonal
+from mbaid_ros.core.contracts import CLEAR, Linear, NominalModel, Stack, Unknown, Words, diagonal
 from mbaid_ros.core.geometry import Array, Integers, cross, rotate, skew
 from mbaid_ros.core.passive.swing import of_swing, passive_momenta
-from mbaid_ros.core.repair import Repair, widened, wider_prior, with_band
+from mbaid_ros.core.repair import Repair, Setting, numbers, widened, wider_prior, with_band
 from mbaid_ros.core.robot.model import Kinematics, PlaneDetector, RobotModel
 from mbaid_ros.core.robot.momentum import BodyStates, MomentumKernel, inertia_matrix, sensitivity_to_joints
 from mbaid_ros.core.samples import ArrayRecord
@@ -27,6 +27,8 @@ from mbaid_ros.parameters import by_name, parameter
 _PLACEMENT_NUMBERS = 6  # numbers a joint: zero (1), origin (3), tilt of the axis (2)
 TRACKING = 'tracking'
 GEARED = 'geared'
+LAG = 'lag'
+SUSPECTED_LAG = 1e-4  # s, standard deviation of a lag that is tried: a thousand times as much is a slow filter
 # Standard deviation, rad or m: far below that of drives; a thousand times as much is plausible.
 _GEARED_STD = 1e-5
 _MOST = 0.99  # part of the information that the noise may make: intervals are then a hundred times as wide
@@ -58,12 +60,19 @@ class _Tracking:
 
 
 @dataclass(frozen=True)
-class SingleJointDeviations(_Tracking, JointDeviations):
+class _Lag:
+    lag_std: float = parameter(0.0, 's', minimum=0.0, maximum=1.0)
+    """Standard deviation of how much later every joint is read than its stamp, beside time_offset, as by a filter or a
+    driver that reads one joint after the other; 0: not at all."""
+
+
+@dataclass(frozen=True)
+class SingleJointDeviations(_Lag, _Tracking, JointDeviations):
     """Standard deviations of a single joint, in place of those of all."""
 
 
 @dataclass(frozen=True)
-class KnownJointsConfig(_Tracking, JointDeviations):
+class KnownJointsConfig(_Lag, _Tracking, JointDeviations):
     """The uncertainty of the joints."""
 
     joints: Mapping[str, Mapping[str, float]] = by_name(SingleJointDeviations, 'joint')
@@ -265,8 +274,9 @@ class GearedJoints(Linear):
         del std
         return tracking_repair(cause.partition(':')[2], float(np.linalg.norm(value)), kernel)
 
-    def deflections(self, position: Array, rate: Array) -> tuple[Array, Array]:
+    def deflections(self, position: Array, rate: Array, acceleration: Array) -> tuple[Array, Array]:
         """Return the contribution of each number to the position of its own joint, and to its rate."""
+        del acceleration
         sine, cosine = np.sin(position), np.cos(position)
         joints = np.eye(position.shape[1])[:, :, None]
         places, rates = (
@@ -282,15 +292,76 @@ def geared_joints(names: Sequence[str]) -> GearedJoints:
     return GearedJoints(_GEARED_STD * np.eye(len(labels)), labels)
 
 
-def by_deflections(unknown: Unknown, kernel: MomentumKernel, motion: Midpoints, bodies: Bodies) -> Array:
+@dataclass(frozen=True, eq=False)
+class JointLags(Unknown):
+    """By how much each joint is read late, s, beside the stamps of all: a filter, or a driver that reads one by one."""
+
+    words: ClassVar = {
+        LAG: Words(
+            'the lags of the joints',
+            'known_joints.lag_std',
+            'the lag of {}: measure it (known_joints)',
+            lambda name, value: (
+                f'{name} is read {1e3 * np.sum(value):+.3g} ms late against the others: a filter or a slow reading in '
+                'its driver; correct it, or raise known_joints.lag_std'
+            ),
+            lambda names, values: (
+                'each joint is read late by its own: '
+                + ', '.join(f'{name} {1e3 * value:+.3g} ms' for name, value in zip(names, values.tolist(), strict=True))
+                + '; filters or slow readings in the driver: correct them, or raise known_joints.lag_std'
+            ),
+        )
+    }
+    in_equations = False
+    moves_joints = True
+
+    def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
+        """Return the joint's lag, or that of all, as uncertain as it is large."""
+        del kernel
+        _, _, name = cause.partition(':')
+        if not name:
+            parameters: dict[str, Setting] = {'known_joints.lag_std': widened(float(np.max(np.abs(value))))}
+            return Repair('each joint is read late by its own', parameters, None, numbers(value), numbers(std), 's')
+        text = f'{name} is read {with_band(value, std, 1e3)} ms late against the others'
+        return wider_prior(text, f'known_joints.{name}.lag_std', value, std, 's')
+
+    def deflections(self, position: Array, rate: Array, acceleration: Array) -> tuple[Array, Array]:
+        """Return how much further on and faster each joint is than it is read."""
+        del position
+        joints = np.eye(rate.shape[1])
+        return rate[..., None] * joints, acceleration[..., None] * joints
+
+    def linearisation_value(self, value: Array, deviation: Array) -> Array:
+        """Return the lags that joints are moved by: none, unless it is clearly one, as of all stamps."""
+        return np.where(np.abs(value) > CLEAR * deviation, value, 0.0)
+
+    def applied_to(self, nominal: NominalModel, value: Array) -> NominalModel:
+        """Return the nominal model with these lags."""
+        return replace(nominal, lags=value)
+
+    def in_plane(self, detector: PlaneDetector) -> JointLags:
+        """Return it as it is: joints only move in the plane."""
+        del detector
+        return self
+
+
+def joint_lags(names: Sequence[str], deviations: Sequence[float]) -> JointLags:
+    """Return them as unknowns of standard deviations, s, each; 0: none."""
+    return JointLags(diagonal(deviations), tuple(f'{LAG}:{name}' for name in names))
+
+
+def by_deflections(
+    unknown: Unknown, kernel: MomentumKernel, motion: Midpoints, acceleration: Array, bodies: Bodies
+) -> Array:
     """Return the derivative (N, 6, e) of the predicted twist (v, w) by an unknown that adds to the joints' motion.
 
     Parameters
     ----------
     unknown, kernel : of the joints; of the robot where it is linearised
     motion, bodies : at N instants
+    acceleration : of the joints then, (N, n)
     """
-    position, rate = unknown.deflections(motion.joint_position, motion.joint_velocity)
+    position, rate = unknown.deflections(motion.joint_position, motion.joint_velocity, acceleration)
     by_rate, by_position = joint_gains(kernel, bodies)
     return np.asarray((by_position @ position + by_rate @ rate) @ unknown.factor)
 
@@ -476,6 +547,14 @@ def declared_tracking(config: KnownJointsConfig, model: RobotModel) -> JointTrac
     """
     deviations = joint_values(config, 'tracking_std', model)
     return joint_tracking(model.joint_names, deviations, (_TRACKING_TIME,) * len(deviations))
+
+
+def declared_lags(config: KnownJointsConfig, model: RobotModel) -> JointLags:
+    """Return the lags of the joints.
+
+    Raises ParameterError: A name is not that of a joint.
+    """
+    return joint_lags(model.joint_names, joint_values(config, 'lag_std', model))
 
 
 def joint_values(config: KnownJointsConfig, part: str, model: RobotModel) -> tuple[float, ...]:

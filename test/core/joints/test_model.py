@@ -11,9 +11,10 @@ from scipy.stats import chi2
 from checked import assert_derivative, generic, some
 from declarations import exact_but
 from floating import float_freely, make, normalised
+from mbaid_ros.core.contracts import deviation_text
 from mbaid_ros.core.filter.time_update import _gauss_markov_step
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.joints.model import geared_joints, joint_placements, joint_tracking
+from mbaid_ros.core.joints.model import geared_joints, joint_lags, joint_placements, joint_tracking
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.state import BODY, Layout, Variables
@@ -56,13 +57,50 @@ def test_a_gear_moves_its_joint_at_the_rate_of_its_deflection() -> None:
     """By sine and by cosine of the angle; of no other joint."""
     unknown = geared_joints(['elbow', 'wrist', 'hand'])
     angle, rate = generic(0, 1, 3), generic(1, 1, 3)
-    places, rates = unknown.deflections(angle, rate)
+    places, rates = unknown.deflections(angle, rate, 0.0 * rate)
     assert places[0, 1] == pytest.approx([0.0, 0.0, np.sin(angle[0, 1]), np.cos(angle[0, 1]), 0.0, 0.0])
 
     def deflected(time: Array) -> Array:
-        return unknown.deflections(angle + time * rate, rate)[0][0]
+        return unknown.deflections(angle + time * rate, rate, 0.0 * rate)[0][0]
 
     assert_derivative(rates[0][..., None], deflected, np.zeros(1))
+
+
+LATE = 0.03  # s
+
+
+@pytest.mark.parametrize('taken', [0.0, 0.8])
+def test_a_joint_that_is_read_late_is_explained_by_its_lag(
+    servicer7: MomentumKernel, tumbling: Truth, start: Array, taken: float
+) -> None:
+    """Also where windows are linearised at a part of the lag."""
+    joints = servicer7.model.joints
+    late = np.arange(joints) == JOINT
+    then = np.interp(tumbling.time - LATE, tumbling.time, tumbling.joint_position[:, JOINT])
+    read = np.where(late, then[:, None], tumbling.joint_position)
+    window = window_of(observe(replace(tumbling, joint_position=read), MID), SPACING)
+    unknown = joint_lags(servicer7.model.joint_names, [1e-2] * joints)
+    layout = Layout.from_unknowns(servicer7, (unknown,))
+    found = []
+    for each in (np.zeros(joints), LATE * late):
+        here = layout.point(state(servicer7, start, taken * LATE / 1e-2 * late))
+        x = state(servicer7, start, each / 1e-2)
+        model = window_model(layout, window, here)
+        x[:6] = np.linalg.solve(model.pose.rows[:, :6], residuals(model, x)[0])
+        found.append(np.abs(residuals(model, x)[1]).max())
+    assert found[1] < 0.1 * found[0]
+
+
+def test_the_lag_of_one_joint_and_those_of_all_are_causes_with_repairs(servicer7: MomentumKernel) -> None:
+    names, sizes = servicer7.model.joint_names, np.array([0.02] * servicer7.model.joints)
+    unknown = joint_lags(names, sizes.tolist())
+    assert deviation_text('lag:joint2', np.array([0.06])).startswith('joint2 is read +60 ms late')
+    assert f'{names[1]} +20 ms' in deviation_text('lag', sizes, names)
+    one = unknown.repair('lag:joint2', np.array([0.06]), np.array([0.001]), servicer7)
+    assert one.parameters == {'known_joints.joint2.lag_std': 0.1}
+    assert unknown.repair('lag', sizes, 0.1 * sizes, servicer7).parameters == {'known_joints.lag_std': 0.05}
+    assert unknown.part('lag:joint2').count == 1
+    assert unknown.part('lag').count == unknown.count == unknown.without(['lag:joint2']).count + 1
 
 
 WANDER, TIME = 1e-3, 2.0  # rad, s: the time constant is that of tracking errors that are declared
