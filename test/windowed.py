@@ -112,6 +112,7 @@ def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
         position=rng.normal(size=3),
         centre=rng.normal(size=3),
         momentum_change=np.zeros((6, STATE)),
+        thrust_noise=np.zeros((6, 6)),
         body=rng.normal(size=10),
         integrated=IntegratedTwist.none(1, STATE)[0],
     )

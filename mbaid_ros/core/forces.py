@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import insort
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any, ClassVar, Literal, cast
@@ -13,13 +13,14 @@ import numpy as np
 
 from mbaid_ros.core.contracts import Axes, Disturbance, Hypothesis, NominalModel, Unknown, Words, diagonal
 from mbaid_ros.core.geometry import Array, cross, skew
+from mbaid_ros.core.interval import BAND
 from mbaid_ros.core.orbit import Orbit, OrbitConfig, make_orbit
-from mbaid_ros.core.repair import Repair, Setting, wider_prior, with_band
+from mbaid_ros.core.repair import Repair, Setting, widened, wider_prior, with_band
 from mbaid_ros.core.robot.model import Kinematics, PlaneDetector, RobotModel
 from mbaid_ros.core.robot.momentum import THRUSTER_ERRORS, BodyStates, MomentumKernel
 from mbaid_ros.core.samples import Samples, stamp_of
 from mbaid_ros.errors import ParameterError, listing
-from mbaid_ros.parameters import parameter
+from mbaid_ros.parameters import by_name, parameter
 
 CONSTANT_FORCES = ('none', 'inertial', 'body')
 PUSH_AXES = ('body', 'inertial', 'orbit')
@@ -43,6 +44,9 @@ _REMEMBERED = 4 * _FAR  # ns, for commands that come late
 _BY_ERROR = np.zeros((4, 6, 6))
 _BY_ERROR[0] = np.eye(6)
 _BY_ERROR[1:, :3, :3] = _BY_ERROR[1:, 3:, 3:] = skew(np.eye(3))
+_DEVIATIONS = ('scale_std', 'direction_std', 'delay_std')  # of a thruster, in the order of its numbers
+_PARTS = (slice(0, 1), slice(1, 4), slice(4, 5))  # the numbers of each
+_OFF = 3.0  # declared deviations, from which a number of a thruster counts as the one that is off
 TORQUE, FORCE = 'external torque', 'external force'
 DisturbanceAxes = Literal['body', 'inertial', 'orbit']
 # N s / sqrt(s) / kg of the known bodies: random walk of the momentum that stands for a force which is not constant.
@@ -72,8 +76,8 @@ class DisturbanceConfig:
 
 
 @dataclass(frozen=True)
-class ThrustConfig:
-    """The commanded thrust on the topic thrust."""
+class ThrusterDeviations:
+    """Standard deviations of a thruster from its commands."""
 
     scale_std: float = parameter(0.0, minimum=0.0)
     """Relative standard deviation of the strength of a thruster, constant, estimated by trajectory; 0: commands are
@@ -82,9 +86,25 @@ class ThrustConfig:
     """Standard deviation of a thruster's constant misalignment about each axis of its frame; 0: exact."""
     delay_std: float = parameter(0.02, 's', minimum=0.0, maximum=1.0)
     """Standard deviation of a thruster's constant delay after the stamps of its commands; 0: in time."""
+
+
+@dataclass(frozen=True)
+class ThrustConfig(ThrusterDeviations):
+    """The commanded thrust on the topic thrust."""
+
+    common_scale_std: float = parameter(0.0, minimum=0.0)
+    """Relative standard deviation of the strength that all thrusters share, beside scale_std: the pressure of a common
+    supply. A body without joints is known as well as this; 0: none."""
     frames: tuple[str, ...] = parameter(())
     """Frames of the thrusters that have such errors, each its own; empty: the base link if a scale or a direction is
     uncertain, otherwise none."""
+    each: Mapping[str, Mapping[str, float]] = by_name(ThrusterDeviations, 'thruster')
+
+    def deviations(self, frame: str) -> tuple[float, float, float]:
+        """Return the standard deviations of scale, direction (rad) and delay (s) of a thruster."""
+        own = self.each.get(frame, {})
+        scale, direction, delay = (own.get(name, getattr(self, name)) for name in _DEVIATIONS)
+        return scale, direction, delay
 
 
 @dataclass(order=True)
@@ -393,6 +413,26 @@ class Thrusters(Unknown):
 
     frames: tuple[str, ...]  # names of the thrusters
 
+    words: ClassVar = {
+        'thrust': Words(
+            'the thrusters',
+            'thrust.scale_std',
+            'the thrust of {}: calibrate it, or log its pressure (thrust.scale_std)',
+            lambda name, value: f'{_deviation(name, value)}: check its valve, or set thrust.{name}.scale_std',
+        )
+    }
+
+    def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
+        """Return the thruster's scale, direction and delay as uncertain as they are off."""
+        del kernel
+        name = cause.partition(':')[2]
+        first = self.labels.index(cause)
+        declared = np.sqrt(np.sum(self.factor[first : first + THRUSTER_ERRORS] ** 2, axis=1))
+        off = [np.max(np.abs(value[part]) / np.maximum(declared[part], 1e-9)) for part in _PARTS]
+        parts = [k for k in range(len(_PARTS)) if off[k] > min(_OFF, max(off))] or [int(np.argmax(off))]
+        wider = {f'thrust.{name}.{_DEVIATIONS[k]}': widened(float(np.max(np.abs(value[_PARTS[k]])))) for k in parts}
+        return Repair(_deviation(name, value, std), wider, value=float(value[0]), std=float(std[0]))
+
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
         """Return the momentum (P, L) that they have brought, which is subtracted to leave a constant."""
         del kernel
@@ -403,11 +443,45 @@ class Thrusters(Unknown):
         return replace(nominal, thrust=nominal.thrust + value if nominal.thrust.size else value)
 
 
-def thrusters(frames: Sequence[str], scale_std: float, direction_std: float, delay_std: float) -> Thrusters:
-    """Return thrusters by their frames as an unknown; relative, rad about each axis and s; 0 is exact."""
-    deviations = np.tile([scale_std, *(direction_std,) * 3, delay_std], len(frames))
+def _deviation(name: str, value: Array, std: Array | None = None) -> str:
+    """Return by how much a thruster is off its commands, from its numbers (5,)."""
+    band = '' if std is None else f' ± {100.0 * BAND * std[0]:.2g}'
+    return f'{name} has {100.0 * (1.0 + value[0]):.3g}{band} % of its commanded thrust'
+
+
+@dataclass(frozen=True, eq=False)
+class ThrustSupply(Unknown):
+    """Relative error of the strength of all thrusters, as by the pressure of their supply."""
+
+    frames: int  # number of thrusters
+
+    words: ClassVar = Thrusters.words
+
+    def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
+        """Return it as uncertain as it is off."""
+        del cause, kernel
+        text = f'all thrusters have {100.0 * (1.0 + value[0]):.3g} ± {100.0 * BAND * std[0]:.2g} % of their thrust'
+        return wider_prior(text, 'thrust.common_scale_std', value, std)
+
+    def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
+        """Return the momentum that all have brought, which is subtracted to leave a constant."""
+        del kernel
+        return -np.sum(states.thrust[..., :1], axis=1)
+
+    def applied_to(self, nominal: NominalModel, value: Array) -> NominalModel:
+        """Return the nominal model with these thrusters."""
+        scale = np.tile([1.0, *(0.0,) * (THRUSTER_ERRORS - 1)], self.frames) * value
+        return replace(nominal, thrust=nominal.thrust + scale if nominal.thrust.size else scale)
+
+
+def thrusters(frames: Sequence[str], deviations: Sequence[tuple[float, float, float]]) -> Thrusters:
+    """Return thrusters by their frames as an unknown, with standard deviations of each.
+
+    These are relative, rad about each axis, and s; 0 is exact.
+    """
+    numbers = [each for scale, direction, delay in deviations for each in (scale, *(direction,) * 3, delay)]
     labels = tuple(f'thrust:{frame}' for frame in frames for _ in range(THRUSTER_ERRORS))
-    return Thrusters(diagonal(deviations), labels, tuple(frames))
+    return Thrusters(diagonal(numbers), labels, tuple(frames))
 
 
 def _constant_force(axes: Axes, where: str, what: str) -> Hypothesis:
@@ -445,23 +519,31 @@ def wrench_of(message: Any) -> tuple[str, int, Array]:
 def uncertain_thrusters(config: ThrustConfig, model: RobotModel) -> tuple[str, ...]:
     """Return the frames of thrusters whose strength and direction are estimated.
 
-    Raises ModelError, ParameterError: A frame is no link, or named twice.
+    Raises ModelError, ParameterError: A frame is no link, named twice, or has deviations without being named.
     """
-    if config.scale_std == config.direction_std == 0.0 and not config.frames:
+    frames = config.frames or tuple(config.each)
+    foreign = [name for name in config.each if name not in frames]
+    if foreign:
+        raise ParameterError(
+            f"parameter 'thrust.{foreign[0][:60]}' is of no thruster; accepted: {listing(frames)}, of thrust.frames"
+        )
+    if config.scale_std == config.common_scale_std == config.direction_std == 0.0 and not frames:
         return ()
     if len(set(config.frames)) < len(config.frames):
         raise ParameterError(
             f"parameter 'thrust.frames' is {listing(config.frames)}; accepted: links of the robot, each once"
         )
-    return tuple(model.link(name).name for name in config.frames or (model.base_link,))
+    return tuple(model.link(name).name for name in frames or (model.base_link,))
 
 
-def declared_thrusters(config: ThrustConfig, model: RobotModel) -> Thrusters:
-    """Return the thrusters.
+def declared_thrusters(config: ThrustConfig, model: RobotModel) -> tuple[Thrusters, ThrustSupply]:
+    """Return the thrusters, and what they share.
 
-    Raises ModelError, ParameterError: A frame is no link, or named twice.
+    Raises ModelError, ParameterError: As of `uncertain_thrusters`.
     """
-    return thrusters(uncertain_thrusters(config, model), config.scale_std, config.direction_std, config.delay_std)
+    frames = uncertain_thrusters(config, model)
+    each = thrusters(frames, [config.deviations(frame) for frame in frames])
+    return each, ThrustSupply(diagonal([config.common_scale_std]), ('thrust',), len(frames))
 
 
 def declared_disturbances(

@@ -167,7 +167,7 @@ def test_a_push_in_a_plane_has_one_torque_and_two_forces(axes: str) -> None:
 
 
 def test_thrust_that_was_brought_is_taken_off_and_errors_of_thrusters_add_up() -> None:
-    unknown = thrusters(['left', 'right'], 0.1, 0.2, 0.3)
+    unknown = thrusters(['left', 'right'], [(0.1, 0.2, 0.3)] * 2)
     assert np.diag(unknown.factor) == pytest.approx([0.1, 0.2, 0.2, 0.2, 0.3] * 2)
     states: Any = SimpleNamespace(thrust=generic(0, 2, 2, 6, 5))
     nominal = NominalModel.nominal(kernel('table1'))

@@ -140,7 +140,7 @@ def test_the_momentum_depends_on_them_by_these_columns() -> None:
     servicer, samples = kernel('servicer7'), observe(pushed(), MID)
     _, columns = commanded(FORCE_TORQUE)
     states = servicer.states(replace(samples, thrust=columns.reshape(len(samples), -1)))
-    unknown = thrusters(['link3'], 0.1, 0.05, 0.02)
+    unknown = thrusters(['link3'], [(0.1, 0.05, 0.02)])
     assert unknown.count == THRUSTER_ERRORS
     moved = columns.copy()
     moved[:, 3:] -= np.cross(samples.base_position[:, :, None], columns[:, :3], axisa=1, axisb=1, axisc=1)
@@ -150,7 +150,7 @@ def test_the_momentum_depends_on_them_by_these_columns() -> None:
 def test_calibrate_reports_their_deviations() -> None:
     servicer = kernel('servicer7')
     prior = make_prior(servicer, [relative_factor(servicer.target.parameters, 0.01)])
-    before = StandardNormals.from_prior(prior, servicer, (thrusters(['link3'], 0.1, 0.05, 0.02),))
+    before = StandardNormals.from_prior(prior, servicer, (thrusters(['link3'], [(0.1, 0.05, 0.02)]),))
     (found,) = estimated_thrusters(before.values_of(Thrusters))
     assert (found.scale, found.scale_std, found.delay, found.delay_std) == pytest.approx((1.0, 0.1, 0.0, 0.02))
     assert found.turn_std == pytest.approx(np.full(3, 0.05))

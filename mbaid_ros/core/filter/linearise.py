@@ -226,6 +226,7 @@ class WindowModel(ArrayRecord):
     position: Array
     centre: Array  # (3,) m, the common centre of mass there
     momentum_change: Array  # (6, s) change of (P, L) until the next window by the unknowns
+    thrust_noise: Array  # (6, 6) factor of the noise of (P, L) until then, by the poses that thrust is integrated along
     body: Array  # (10,) standard parameters of the target at the linearisation point
     integrated: IntegratedTwist  # it takes the place of the twist where it counts
     # (r, r) by how much more than the twist's alone two numbers share that variance; (0, 0) where all are of the twist
@@ -338,6 +339,7 @@ def _models(
         position=middle.base_position[-1] + 0.5 * middle.step[-1],
         centre=centre,
         momentum_change=impulses,
+        thrust_noise=_thrust_noise(stack, around, inside),
         body=np.tile(point.body, (len(stack.windows), 1)),
         integrated=whole,
         joint_overlap=overlap,
@@ -428,6 +430,35 @@ def _momentum_change(layout: Layout, stack: Stack, bodies: Bodies, position: Arr
     return impulses, system[:, 1:4] / system[:, :1]
 
 
+def _thrust_noise(stack: Stack, around: Midpoints, inside: slice) -> Array:
+    """Return a factor (B, 6, 6) of the noise that poses add to the momentum while thrust acts.
+
+    Commands are integrated along the measured motion, of which each knot has noise of its own: an error (theta, rho)
+    turns force and torque, and moves the force. The momentum so makes a random walk.
+
+    Parameters
+    ----------
+    stack, around, inside : of B windows, their motion, and the part of it that is theirs
+    """
+    if not around.impulse.any():
+        return np.zeros((len(stack.windows), 6, 6))
+    change = np.diff(around.impulse, axis=0, append=around.impulse[-1:])[inside]
+    place = at_knots(around.base_position, inside)[1:]
+    force, torque = skew(change[..., :3]), skew(change[..., 3:] - cross(place, change[..., :3]))
+    by_pose = np.zeros((*change.shape, 6))
+    by_pose[..., :3, :3] = by_pose[..., 3:, 3:] = -force
+    by_pose[..., 3:, :3] = -torque - skew(place) @ force
+    count = len(change)
+    knot = stack.pose_covariance * count / stack.samples  # where a pose is not measured, nothing tells what it adds
+    step = np.abs(np.subtract.outer(np.arange(count), np.arange(count))) * stack.windows[0].spacing
+    times = np.array([window.noise.correlation_time for window in stack.windows])[:, None, None]
+    correlation = np.where(times > 0.0, np.exp(-step / np.where(times > 0.0, times, 1.0)), np.eye(count))
+    shared = np.linalg.cholesky(correlation)
+    deviation = np.sqrt(np.nan_to_num(np.diagonal(knot, axis1=1, axis2=2)))
+    factor = np.einsum('bji,jbrc,bc->brci', shared, by_pose, deviation).reshape(len(knot), 6, -1)
+    return np.swapaxes(np.linalg.qr(np.swapaxes(factor, 1, 2), mode='r'), 1, 2)
+
+
 def _integral(twist: Array, slope: Array, spacing: float) -> Array:
     """Return the (m, B, 6) integrals of (v, w) over each interval, fourth order, the rotation's commutator included."""
     change = twist[1:] - twist[:-1]
@@ -468,6 +499,7 @@ class WhitenedWindow:
     bias_information: Array  # (b, b + 1) information M of the body by noise in the rows, and M times the body
     pose_error_by_momentum: Array  # (6, 6) derivative of the next pose error by the momentum, SI units
     momentum_change: Array  # (p, v) change of the momentum until the next window by the variables
+    thrust_noise: Array  # (p, 6) factor of the noise of the momentum until then, as of `WindowModel`
     momentum_by_force: Array  # (3, p, f) change of the momentum by a constant force and torque, acting as in `_ACTING`
     process_gain: Array  # (p, f) as of `JointNoise`
     process_variance: Array  # (f,) the same
@@ -535,6 +567,7 @@ def whitened_windows(windows: WindowModel, variables: Variables) -> list[Whitene
     transition = turn @ variables.rows(windows.transition)
     head: Array = np.tile(np.eye(variables.head), (len(transition), 1, 1))
     head[:, : variables.poses] = transition[..., : variables.head]
+    to_momentum = variables.from_state[variables.poses : variables.head, MOMENTUM]
     return [
         WhitenedWindow(value, rows, float(log_noise), *rest)
         for (value, rows, log_noise), *rest in zip(
@@ -546,7 +579,8 @@ def whitened_windows(windows: WindowModel, variables: Variables) -> list[Whitene
             _shared(weighed, windows.noise.by_unknowns, variables),
             errors_in_variables_bias(precision, windows.noise.by_unknowns, windows.body, variables),
             windows.transition[..., MOMENTUM],
-            variables.from_state[variables.poses : variables.head, MOMENTUM] @ variables.rows(windows.momentum_change),
+            to_momentum @ variables.rows(windows.momentum_change),
+            to_momentum @ windows.thrust_noise,
             _momentum_by_force(windows, variables),
             turn @ windows.noise.process_gain,
             windows.noise.process_variance,

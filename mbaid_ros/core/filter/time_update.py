@@ -112,6 +112,8 @@ def _at_next_window(
     noise = of_poses @ window.process
     if change.noise.any():
         noise = np.concatenate((noise, of_momentum @ change.noise), axis=1)
+    if window.thrust_noise.any():
+        noise = np.concatenate((noise, of_momentum @ window.thrust_noise), axis=1)
     if hypothesis.random_walk.size:
         walk = variables.from_state[:head, :12] @ hypothesis.random_walk
         noise = np.concatenate((noise, np.sqrt(window.length) * (back @ walk)), axis=1)

@@ -57,7 +57,7 @@ class Case:
         head[:6] = way[:, :12]
         return WhitenedWindow(
             *(rng.normal(size=MEASURED), rows, 0.0, way, rng.normal(size=6), np.zeros((6, 0)), np.linalg.inv(head)),
-            *(shared, np.zeros((10, 11)), none, np.zeros((6, size)), none, np.zeros((6, 0)), np.zeros(0)),
+            *(shared, np.zeros((10, 11)), none, np.zeros((6, size)), none, none, np.zeros((6, 0)), np.zeros(0)),
             length=0.5,
             places=np.arange(MEASURED),
         )
