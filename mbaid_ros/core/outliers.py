@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.geometry import Array, Flags, log
 from mbaid_ros.core.samples import ArrayRecord, BaseStream, ImuStream, JointStream, Stamps
 from mbaid_ros.core.streams import REPEATED
 
@@ -19,6 +19,12 @@ JOINTS_HELD = 'joint positions repeated under a new stamp'
 STILL = 1_000_000_000  # ns that the same reading has to last to be that of something at rest
 OUTLIER = 'pose far from those before and after'
 JOINT_OUTLIER = 'joint position far from those before and after'
+FLIPPED = 'orientation flipped faster than a robot turns'
+# rad, and rad/s: a turn from one pose to the next is a flip if it is larger than both make it. The smallest angle of a
+# symmetric set of ten markers is .6 rad.
+_FLIP, _FASTEST = 0.5, 3.0
+_LASTING = 500_000_000  # ns, from which another orientation is taken for the present one: single flips are shorter
+_SAME_TURN = 0.1  # rad, between flips to the same orientation
 _FAR = 7.0  # standard deviations that no noise reaches: of a vector, one in 10^10
 _AROUND = 4.0  # times the largest misfit nearby: a motion that begins or ends is no outlier
 _BEFORE, _AFTER = 4, 3  # poses around suspicious ones
@@ -183,6 +189,83 @@ class Outliers(Generic[Stream]):
         each = left[own] > limit * spread[:, None]
         self.by_channel.update({place: int(count) for place, count in enumerate(each.sum(axis=0)) if count})
         return np.asarray(np.any(each, axis=1))
+
+
+class Flips:
+    """Passes poses on in one orientation of a symmetric marker set, which a tracker takes for another one now and then.
+
+    A turn that is too fast for any robot is a flip. Poses in another orientation are left out until that has lasted;
+    then they are turned back. The poses left out are a gap, after which the odometry begins anew.
+
+    Attributes
+    ----------
+    dropped : readings that were not passed on
+    text : how the latest flip turned, in words
+    """
+
+    def __init__(self) -> None:
+        self._last: BaseStream | None = None  # the latest that was passed on, one reading
+        self._other: BaseStream | None = None  # the latest in another orientation, as long as that lasts
+        self._since = 0  # ns, when it began
+        self._turn: Array = np.eye(3)  # from the present orientation of the marker set to it
+        self._back: Array = np.eye(3)  # from the present orientation of the marker set to that at the start
+        self._known: list[Array] = [np.eye(3)]  # these turns
+        self.text = ''
+        self.dropped: Counter[str] = Counter()
+
+    def push(self, stream: BaseStream | None) -> BaseStream | None:
+        """Add poses in the order of their stamps; return those passed on, None if there are none."""
+        if stream is None or not len(stream.stamp):
+            return None
+        joined = stream if self._last is None else stream.concatenate((self._last, stream))
+        steady = self._other is None and np.array_equal(self._back, np.eye(3))
+        if steady and not np.any(_leaps(joined.rotation[:-1], joined.rotation[1:], np.diff(joined.stamp))):
+            self._last = stream[-1:]
+            return stream
+        passing = [each for place in range(len(stream.stamp)) if (each := self._decide(stream[place : place + 1]))]
+        self.dropped[FLIPPED] += len(stream.stamp) - len(passing)
+        return BaseStream.concatenate(passing) if passing else None
+
+    def _decide(self, reading: BaseStream) -> BaseStream | None:
+        """Return one reading as it passes, turned back; None if it does not."""
+        turned = self._turned_back(reading)
+        if self._last is None or not _leaps_to(self._last, turned):
+            self._last, self._other = turned, None
+            return turned
+        if self._other is None or _leaps_to(self._other, reading):
+            self._since = int(reading.stamp[0])
+            self._turn = self._last.rotation[0].T @ reading.rotation[0]
+            vector = log(self._turn)
+            angle = float(np.linalg.norm(vector))
+            axis = ', '.join(f'{each:.2g}' for each in np.round(vector / angle, 2) + 0.0)
+            self.text = f'by {np.degrees(angle):.0f} degrees about ({axis}) in the axes of the base'
+        self._other = reading
+        if int(reading.stamp[0]) - self._since < _LASTING:
+            return None
+        near = [known for known in self._known if np.linalg.norm(log(known.T @ self._turn)) < _SAME_TURN]
+        turn = near[0] if near else self._turn
+        self._known += [] if near else [turn]
+        self._back = turn.T
+        self._last, self._other = self._turned_back(reading), None
+        return self._last
+
+    def _turned_back(self, reading: BaseStream) -> BaseStream:
+        if np.array_equal(self._back, np.eye(3)):
+            return reading
+        # The twist of a filter that follows the flip is in axes of its own.
+        unknown = np.full(reading.linear_velocity.shape, np.nan)
+        rotation = reading.rotation @ self._back
+        return replace(reading, rotation=rotation, linear_velocity=unknown, angular_velocity=unknown)
+
+
+def _leaps(before: Array, after: Array, apart: Stamps) -> Flags:
+    """Return which turns between rotations (N, 3, 3), ns apart, are too large and fast for a robot, (N,)."""
+    cosine = 0.5 * (np.einsum('nij,nij->n', before, after) - 1.0)
+    return np.asarray(cosine < np.cos(np.minimum(_FLIP + _FASTEST * 1e-9 * apart, np.pi)))
+
+
+def _leaps_to(before: BaseStream, after: BaseStream) -> bool:
+    return bool(_leaps(before.rotation, after.rotation, after.stamp - before.stamp)[0])
 
 
 class Copies(Generic[Stream]):

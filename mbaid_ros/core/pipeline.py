@@ -19,7 +19,7 @@ from mbaid_ros.core.links import inertia
 from mbaid_ros.core.noise import NoiseEstimator
 from mbaid_ros.core.odometry.faults import twist_check
 from mbaid_ros.core.odometry.stream import POSE, hermite
-from mbaid_ros.core.outliers import JOINT_OUTLIER, JOINTS_HELD, Outliers, Repeats
+from mbaid_ros.core.outliers import JOINT_OUTLIER, JOINTS_HELD, Flips, Outliers, Repeats
 from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.noise_levels import NoiseLevels
@@ -87,6 +87,7 @@ class Synchroniser:
         self._previous: int | None = None  # stamp of the last joint measurement that was used
         self._newest: dict[type, int] = {}  # latest stamp of each stream, used up or not
         self._repeats = Repeats[BaseStream](POSE)
+        self.flips = Flips()
         self._outliers = Outliers[BaseStream](self._maximum_gap, POSE)
         joints = joint_channels(_TYPICAL_NOISE if noise is None else noise.joint_position)
         self._held = Repeats[JointStream](joints, JOINTS_HELD, together=True)
@@ -96,7 +97,7 @@ class Synchroniser:
     @property
     def dropped(self) -> Counter[str]:
         """Measurements that were not used, by cause."""
-        gates = (self._repeats, self._outliers, self._held, self._joint_outliers)
+        gates = (self._repeats, self.flips, self._outliers, self._held, self._joint_outliers)
         followers = sum((each.dropped for each in self._followers.values()), self._dropped)
         return +sum((gate.dropped for gate in gates), followers)
 
@@ -130,7 +131,7 @@ class Synchroniser:
         new = self._repeats.push(self._new_measurements(base))  # a pose is repeated in the frame that it is measured in
         if new is not None and self._view is not None:
             new = self._view(new)
-        new = self._outliers.push(new)
+        new = self._outliers.push(self.flips.push(new))
         self._base = self._append(self._base, new)
         if self._noise is not None:
             self._noise.add_readings(joints, new)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from mbaid_ros.core.forces import FAR_THRUST, UNKNOWN_FRAME
 from mbaid_ros.core.gyro import IMU, IMU_FRAME
 from mbaid_ros.core.joints.stream import PARTNER_GAP
-from mbaid_ros.core.outliers import JOINT_OUTLIER, JOINTS_HELD, OUTLIER, REPEATED_POSE
+from mbaid_ros.core.outliers import FLIPPED, JOINT_OUTLIER, JOINTS_HELD, OUTLIER, REPEATED_POSE
 from mbaid_ros.core.pipeline import NO_ODOMETRY, ODOMETRY_GAP, RATE_MISSING
 from mbaid_ros.core.samples import (
     BAD_QUATERNION,
@@ -62,6 +62,7 @@ def explain(session: Session, causes: Iterable[str]) -> list[str]:
         IMU_FRAME: _imu_frame(session),
         OTHER_SOURCE: _other_source(session),
         REPEATED_POSE: 'a repeated pose is no new measurement',
+        FLIPPED: f'{session.synchroniser.flips.text}, as of symmetric markers; place these unevenly',
         OUTLIER: _outliers(session),
         JOINT_OUTLIER: _outlying_joint(session),
         JOINTS_HELD: f'new only every {session.synchroniser.joint_interval:.2g} s',

@@ -12,7 +12,17 @@ from checked import some
 from mbaid_ros.core.geometry import Array, Flags, exp
 from mbaid_ros.core.joints.stream import JointMerge, joint_channels
 from mbaid_ros.core.odometry.stream import POSE
-from mbaid_ros.core.outliers import JOINT_OUTLIER, JOINTS_HELD, OUTLIER, REPEATED_POSE, Copies, Outliers, Repeats
+from mbaid_ros.core.outliers import (
+    FLIPPED,
+    JOINT_OUTLIER,
+    JOINTS_HELD,
+    OUTLIER,
+    REPEATED_POSE,
+    Copies,
+    Flips,
+    Outliers,
+    Repeats,
+)
 from mbaid_ros.core.samples import BaseStream, JointStream, Stamps
 from windowed import base_stream, piece
 
@@ -276,3 +286,43 @@ def test_a_slow_part_serves_often_only_while_it_rests() -> None:
         merge = JointMerge(np.ones(JOINTS, dtype=bool), 100_000_000, 0, noise=1e-4)
         merged = some(merge.push(parts(given, (0, 1, 2)) | parts(given[::10], (3,))))
         assert (len(merged.stamp) > COUNT - 11) is every_one
+
+
+FLIP = exp(np.array([0.0, 0.0, np.pi]))
+
+
+def without_flips(flipped: Flags, pieces: int = 7) -> tuple[BaseStream, BaseStream, Flips]:
+    """Return poses, those passed on where some are flipped, and what has passed them on."""
+    base, flips = noisy(len(flipped), 4), Flips()
+    read = replace(base, rotation=np.where(flipped[:, None, None], base.rotation @ FLIP, base.rotation))
+    places = np.linspace(0, len(flipped), pieces + 1).astype(int)
+    parts = [flips.push(piece(read, begin, end)) for begin, end in pairwise(places.tolist())]
+    return base, BaseStream.concatenate([part for part in parts if part is not None]), flips
+
+
+@pytest.mark.parametrize('pieces', [1, 7, 400])
+def test_single_flips_of_a_marker_set_are_left_out(pieces: int) -> None:
+    flipped = np.random.default_rng(3).random(400) < 0.3
+    flipped[0] = False
+    base, passed_on, flips = without_flips(flipped, pieces)
+    np.testing.assert_array_equal(passed_on.stamp, base.stamp[~flipped])
+    np.testing.assert_array_equal(passed_on.rotation, base.rotation[~flipped])
+    assert flips.dropped == {FLIPPED: int(flipped.sum())}
+    assert 'by 180 degrees about (0, 0, ' in flips.text
+
+
+def test_another_orientation_that_lasts_is_turned_back_after_a_gap() -> None:
+    time = np.arange(600)
+    flipped = (time >= 100) & (time < 350)
+    base, passed_on, _ = without_flips(flipped)
+    kept = (time < 100) | ((time >= 150) & (time < 350)) | (time >= 400)
+    np.testing.assert_array_equal(passed_on.stamp, base.stamp[kept])
+    np.testing.assert_allclose(passed_on.rotation, base.rotation[kept], atol=0.01)  # a step of the motion
+    np.testing.assert_array_equal(passed_on.rotation[-200:], base.rotation[-200:])
+    assert np.isnan(passed_on.angular_velocity[100:300]).all()
+
+
+def test_a_robot_that_turns_does_not_flip() -> None:
+    base, passed_on, flips = without_flips(np.zeros(300, dtype=bool))
+    np.testing.assert_array_equal(passed_on.rotation, base.rotation)
+    assert not flips.dropped

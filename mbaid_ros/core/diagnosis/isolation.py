@@ -50,6 +50,7 @@ CATCH_ALL = 0.95
 _REFINED, _ALIKE = 5, 3
 _EVERY = 2  # one window in so many shows which convention is likely: for half of the work
 _TRIED = 4  # conventions
+_AGREES = 0.01  # part of the misfit, from which one that an earlier search has found needs no other search
 _SEVERAL = 0.05  # part of the misfit that a convention of one number leaves at least, for several to be looked for
 _SPOILT = 2  # joints with spoilt readings: two that fail at once are rare, and each takes passes
 _MOST_PULSES = 2  # that can be the cause; more of them are the symptom of another one
@@ -397,11 +398,12 @@ class CandidateCauses:
         """Return the fits of windows under the conventions that are possible, the declared ones first."""
         found, kernel = [], self.layout.kernel
         others = (convention for mistaken in self.conventions for convention in mistaken(kernel))
-        for convention in (Convention('', kernel), *others, *self.several):
+        for convention in (Convention('', kernel), *others):
             if convention.possible(windows):
                 found.append(fitted(windows, convention, _EVERY))
                 yield FITTED // _EVERY
-        # What is wrong in one number alone is found by now.
+        # What an earlier search has found, if more windows agree; then what is wrong in one number alone is found.
+        found += [fit for fit in (fitted(windows, each, _EVERY) for each in self.several) if _agrees(fit, found[0])]
         searches = placed_bases(kernel, windows, self.declared.marker), scaled_positions(kernel, windows)
         for search in (*searches, mapped_joints(kernel, windows)):
             if min(each.misfit for each in found if each.exists or each is found[0]) > _SEVERAL * found[0].misfit:
@@ -460,6 +462,11 @@ class CandidateCauses:
     def extended(self, *more: Unknown) -> FilterPasses:
         """Return passes with more unknowns."""
         return FilterPasses(self.layout.extended(more), self.plane, self.declared)
+
+
+def _agrees(fit: Fit, read: Fit) -> bool:
+    """Return whether a convention explains nearly all that the readings as they are do not."""
+    return fit.misfit < _AGREES * read.misfit
 
 
 def _text_of(passes: FilterPasses, cause: str) -> Callable[[HypothesisFilter], str | None]:

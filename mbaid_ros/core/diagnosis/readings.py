@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import combinations, islice, permutations, product
 from typing import NamedTuple
 
@@ -32,12 +32,13 @@ _RIDGE = 1e-9  # relative, of the fit: unobservable numbers stay near zero
 _MOST_JOINTS = 7  # up to which all orders (5,040) and signs (128) are tried: a second of work
 _ZEROS = np.deg2rad(np.arange(30.0, 360.0, 30.0))  # rad, from the nearest of which the search converges
 _GEARS = (0.5, 2.0 / 3.0, 1.5, 2.0, 3.0, 1.0 / 3.0)  # that are tried
+_MOST_GEARS = 3  # that are found: more of them explain anything
 _MOST_GEAR = 4.0  # times, that joints are read too large or too small by at most: further ones explain by not moving
 _REFINED, _WITH_GEARS = 64, 6  # meanings that are refined: their zeros, and their gears as well
 _FEWEST = 12  # windows: fewer have hardly more numbers than the search has unknowns
-_EXPLAINED = 0.1  # part of the misfit as read, that a meaning leaves at most
-# Part of the base's motion that a meaning leaves if nothing is wrong beside it, and at most: less than a false one.
-_LEFT, _MOST_LEFT = 0.01, 0.02
+# Times the noise, and part of the base's motion, that a meaning leaves if nothing is wrong beside it: less than a false
+# one, and more than the declared errors of a robot.
+_NOISE, _LEFT = 3.0, 1e-3
 # Part of the base's motion that the joints leave unexplained, from which columns or signs may be wrong.
 _DISCRETE = 0.03
 _STEP, _LONGEST = 1e-4, 0.5  # rad, or relative: of numerical derivatives, and of an iteration at most
@@ -53,7 +54,9 @@ _MOUNT_LEFT, _SCALE_LEFT = (0.05, 0.01), 0.1
 # m in a unit of the positions: from the nearest the search for a scale converges
 _SCALES = (1e-3, 2e-3, 5e-3, 0.01, 0.0254, 0.05, 0.1, 0.2, 0.3048, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0, 10.0, 100.0, 1e3)
 _UNITS = {1e-3: 'millimetres', 0.01: 'centimetres', 0.0254: 'inches', 0.3048: 'feet', 1.0: 'metres', 1e3: 'kilometres'}
-_SAME_UNIT = 0.1  # relative, of a scale: a fit is as good as that
+_FEWEST_FOR_SCALE = 40  # windows: a scale by fewer may be off by half
+# Relative, of a scale by many windows and by few: inches are 2.5 centimetres; and of a unit that few windows show.
+_SAME_UNIT, _ROUGHLY, _FAR = 0.15, 0.46, 3.0
 # The right-handed axes of a cube, as rotation vectors: from the nearest the search for a mount converges.
 _TURNS = tuple(
     log(np.array(signs)[:, None] * np.eye(3)[list(order)])
@@ -108,6 +111,7 @@ class Motion:
     twist: Array  # (W, 6) linear, angular
     impulse: Array  # (W, 6)
     stored: Array  # (W, c)
+    noise: Array  # (6,) variance of the twist by the poses, linear, angular
 
     def residuals(self, meanings: Sequence[Meaning], unit: float | None = None) -> Array:
         """Return the velocities (B, 6 W) of the base that body and momentum do not explain under B meanings.
@@ -144,13 +148,25 @@ class Motion:
         rows = weigh[:, None] @ total.reshape(count, windows, 6, 17)
         return _unexplained(rows.reshape(count, 6 * windows, 17))
 
+    @cached_property
+    def goal(self) -> float:
+        """Mean squared residual of readings as they are meant: noise, and the declared errors of the robot."""
+        noise, moved = self._sizes
+        return _NOISE * noise + _LEFT * moved
+
     @property
     def moved(self) -> float:
         """The mean square of the base's velocities about their mean, as `residuals`."""
+        return self._sizes[1]
+
+    @cached_property
+    def _sizes(self) -> tuple[float, float]:
+        """The mean squares of noise and motion of the base, as `residuals`."""
         states = self.kernel.states_of(self.rotation, self.joints, self.rates, self.twist, self.stored)
         back = np.linalg.inv(inertia_matrix(np.mean(np.sum(states.known, axis=1), axis=0)))
         size = np.where(np.arange(6) < 3, 1.0, _lengths(back[None])[0])
-        return float(np.mean(((self.twist - np.mean(self.twist, axis=0)) * size) ** 2))
+        motion = (self.twist - np.mean(self.twist, axis=0)) * size
+        return float(np.mean(self.noise * size**2)), float(np.mean(motion**2))
 
     def misfits(self, meanings: Iterable[Meaning]) -> Work[list[tuple[float, Meaning]]]:
         """Return the mean squared residual of each meaning."""
@@ -169,6 +185,9 @@ def motion_of(kernel: MomentumKernel, windows: Sequence[Window], most: int) -> M
     chosen = np.unique(np.linspace(0, len(alike) - 1, min(most, len(alike))).round().astype(int))
     (stack,) = stacked([alike[place] for place in chosen])
     middle, spacing = stack.middle[stack.windows[0].inside], stack.windows[0].spacing
+    # A mean rate is the difference of two knots, of some samples each.
+    pose = np.mean([np.diag(each.noise.pose) / each.noise.samples for each in stack.windows], axis=0)
+    noise = 2.0 * len(middle) * np.roll(pose, 3) / (len(middle) * spacing) ** 2
     return Motion(
         kernel,
         np.mean(middle.joint_position, axis=0),
@@ -178,6 +197,7 @@ def motion_of(kernel: MomentumKernel, windows: Sequence[Window], most: int) -> M
         np.mean(np.concatenate((middle.step, middle.turn), axis=-1), axis=0) / spacing,
         np.mean(middle.impulse, axis=0),
         np.mean(middle.stored, axis=0),
+        noise,
     )
 
 
@@ -269,39 +289,35 @@ def refined(motion: Motion, meaning: Meaning, free: Flags) -> Work[tuple[float, 
     return float(np.mean(value**2)), meaning
 
 
-def _refined_best(
-    motion: Motion, found: Sequence[tuple[float, Meaning]], goal: float, most: int
-) -> Work[tuple[float, Meaning]]:
-    """Return the best of the likeliest meanings, refined: their zeros first, of the best ones their gears, too.
+def _accepted(motion: Motion, every: Motion, found: Iterable[tuple[float, Meaning]], last: int) -> Work[Meaning | None]:
+    """Return the first of some meanings, refined, that explains all of the motion with few numbers; None if none does.
 
     Parameters
     ----------
-    found : with the misfit of each
-    goal : misfit, from which on no more are tried
-    most : that are tried
+    motion, every : some of the motion, and all of it
+    found : meanings with their misfits, the likeliest first
+    last : number of the last of their numbers that are refined
     """
-    joints = len(found[0][1].zeros)
-    zeros, gears = np.zeros((2, found[0][1].numbers), dtype=bool)
-    zeros[:joints] = gears[: 2 * joints] = True
-    refined_zeros = []
-    for each in sorted(found, key=lambda each: each[0])[:most]:
-        refined_zeros.append((yield from refined(motion, each[1], zeros)))
-        if refined_zeros[-1][0] < goal:
-            break
-    refined_zeros.sort(key=lambda each: each[0])
-    best = refined_zeros[0]
-    for _, meaning in refined_zeros[:_WITH_GEARS] if best[0] > goal else ():
-        result = yield from refined(motion, meaning, gears)
-        gains = np.abs(result[1].gains)
-        if result[0] < best[0] and np.all((gains > 1.0 / _MOST_GEAR) & (gains < _MOST_GEAR)):
-            best = result
-    return best
+    for misfit, meaning in found:
+        free = np.arange(meaning.numbers) < last
+        result = misfit, meaning
+        if misfit > motion.goal:
+            result = yield from refined(motion, meaning, free)
+        if result[0] < motion.goal:
+            left, sparse = yield from _sparse(every, result[1])
+            gears = np.abs(sparse.gains)
+            few = np.sum(gears != 1.0) <= _MOST_GEARS and np.all((gears > 1.0 / _MOST_GEAR) & (gears < _MOST_GEAR))
+            if left < every.goal and few:
+                return _rounded(sparse)
+    return None
 
 
-def _sparse(motion: Motion, best: tuple[float, Meaning]) -> Work[tuple[float, Meaning]]:
+def _sparse(motion: Motion, meaning: Meaning) -> Work[tuple[float, Meaning]]:
     """Return a meaning with as few zeros and gears as explain the motion about as well; the others are as read."""
-    free = np.arange(best[1].numbers) < 2 * len(best[1].zeros)
-    best = limit = yield from refined(motion, best[1], free)
+    free = np.arange(meaning.numbers) < 2 * len(meaning.zeros)
+    # Gears are free only where there are some: those of others are hardly observable beside all zeros.
+    free[len(meaning.zeros) : 2 * len(meaning.zeros)] = np.abs(meaning.gains) != 1.0
+    best = limit = yield from refined(motion, meaning, free)
     while np.any(free):
         places = np.flatnonzero(free)
         without = [_without(best[1], place) for place in places]
@@ -339,18 +355,22 @@ def joint_meaning(kernel: MomentumKernel, windows: Sequence[Window]) -> Work[Mea
     if joints < 1 or len(read_ones) < joints or len(windows) < _FEWEST:
         return None
     motion, every = motion_of(kernel, windows, _WINDOWS), motion_of(kernel, windows, len(windows))
-    found = yield from motion.misfits([as_read(joints), *singles(joints)])
-    read = found[0][0]
-    goal, discrete = min(_EXPLAINED * read, _LEFT * motion.moved), read > _DISCRETE * motion.moved
-    best = yield from _refined_best(motion, found, goal, _REFINED if discrete else _WITH_GEARS)
-    if discrete and best[0] > goal:
-        found = yield from motion.misfits(combined(joints))
-        best = min(best, (yield from _refined_best(motion, found, goal, _REFINED)), key=lambda each: each[0])
-    if best[0] > min(_EXPLAINED * read, _MOST_LEFT * motion.moved):
+    one = sorted((yield from motion.misfits([as_read(joints), *singles(joints)])), key=_misfit)
+    read = float(np.mean(motion.residuals([as_read(joints)]) ** 2))
+    if read <= motion.goal:
         return None
-    misfit, meaning = yield from _sparse(every, best)
-    whole = float(np.mean(every.residuals([as_read(joints)]) ** 2))
-    return _rounded(meaning) if misfit < _EXPLAINED * whole else None
+    discrete = read > _DISCRETE * motion.moved
+    found = yield from _accepted(motion, every, one[: _REFINED if discrete else _WITH_GEARS], joints)
+    found = found or (yield from _accepted(motion, every, [(read, as_read(joints))], 2 * joints))
+    if found is None and discrete:
+        several = sorted((yield from motion.misfits(combined(joints))), key=_misfit)
+        found = yield from _accepted(motion, every, several[:_REFINED], joints)
+        one = sorted([*one, *several[:_REFINED]], key=_misfit)
+    return found or (yield from _accepted(motion, every, one[:_WITH_GEARS], 2 * joints))
+
+
+def _misfit(each: tuple[float, Meaning]) -> float:
+    return each[0]
 
 
 def _rounded(meaning: Meaning) -> Meaning:
@@ -398,7 +418,7 @@ def placed_bases(
         found = sorted((yield from motion.misfits(starts)), key=lambda each: each[0])
         for _, start in found:
             misfit, meaning = yield from refined(motion, start, free)
-            if misfit < _LEFT * motion.moved:
+            if misfit < motion.goal:
                 _, meaning = yield from refined(motion_of(kernel, read, len(read)), meaning, free)
                 # Small ones are those that the filter estimates.
                 far = np.linalg.norm(meaning.turn) > TURNED or np.linalg.norm(meaning.lever) > AWAY
@@ -446,10 +466,14 @@ def scaled_positions(kernel: MomentumKernel, windows: Sequence[Window]) -> Work[
     found = yield from motion.misfits(own._replace(scale=scale) for scale in _SCALES)
     likely = min(found, key=lambda each: each[0])[1]
     _, meaning = yield from refined(motion, likely, np.arange(own.numbers) == own.numbers - 1)
+    if np.mean(motion.residuals([meaning]) ** 2) > motion.goal * max(1.0, meaning.scale**2):
+        return []
     nearest = min(_UNITS, key=lambda unit: abs(np.log(meaning.scale / unit)))
-    named = abs(np.log(meaning.scale / nearest)) < _SAME_UNIT
+    # Noise makes the first estimates of a scale too small: they are good for a unit alone.
+    long = len(windows) >= _FEWEST_FOR_SCALE
+    named = abs(np.log(meaning.scale / nearest)) < (_SAME_UNIT if long else _ROUGHLY)
     scale = nearest if named else meaning.scale
-    if abs(np.log(scale)) < _SAME_UNIT:
+    if scale == 1.0 or not (long or (named and abs(np.log(scale)) > _FAR)):
         return []
     if named:
         text = f'the position of the odometry is in {_UNITS[nearest]}: in ROS it is in metres'
