@@ -18,7 +18,7 @@ unexport MBAID_ROS_SOURCED _ROS_WHEELS_BOOTSTRAP_COMPLETE
 # The tests start hundreds of processes: what one has compiled, the others need not compile again.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo bags test test-long test-basilisk mutants fuzz lint clean paper-table docs
+.PHONY: help setup demo bags pictures test test-long test-basilisk mutants fuzz lint clean paper-table docs
 .NOTPARALLEL:
 .DELETE_ON_ERROR:
 
@@ -26,6 +26,7 @@ help:
 	@echo "make setup   virtual environment, pinned packages and colcon build; then: . install/setup.bash"
 	@echo "make demo    set-up, then identify a captured body on a live ROS 2 graph"
 	@echo "make bags    set-up, then make the bags of bags/ anew"
+	@echo "make pictures  set-up, then make the pictures of README and pages anew"
 	@echo "make test    set-up, lint, types, then every test but the long ones, which make test-long runs"
 	@echo "make test-basilisk  set-up, then exported parameters in Basilisk, which is installed for it"
 	@echo "make mutants set-up, then mistakes in copies of the core, and those that no test notices (ARGS=\"--seed 7 --count 20\")"
@@ -47,6 +48,9 @@ demo: install/.built
 
 bags: install/.built
 	@. ./install/setup.sh && python3 scripts/make_bags.py $(ARGS)
+
+pictures: install/.built
+	@. ./install/setup.sh && OPENBLAS_NUM_THREADS=1 python3 scripts/make_pictures.py
 
 test: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 test: export OPENBLAS_NUM_THREADS := 1

@@ -51,7 +51,8 @@ class KnownLinksConfig:
     """Relative standard deviation of every known body: of a common factor of its inertial parameters, and of each
     parameter by itself; 0: exact."""
     total_mass: float = parameter(0.0, 'kg', minimum=0.0)
-    """Mass of the whole robot without what it holds, if it was weighed; a known_links.calibration has it already. 0:
+    """Mass of the whole robot with an empty hand, if it was weighed. The target link's own <inertial> in the URDF
+    counts as a part of it, so it must not contain the held body. A known_links.calibration has this mass already. 0:
     unknown."""
     total_mass_std: float = parameter(0.0, 'kg', minimum=0.0)
     """Standard deviation of known_links.total_mass; 0: unknown."""

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 
 from mbaid_ros.cli import one_line
+from mbaid_ros.config.estimator_parameters import ConvergenceConfig
 from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.interval import PARAMETERS, UNITS, rounded
@@ -14,6 +16,7 @@ from mbaid_ros.core.method import FIRST_STAGE
 from mbaid_ros.core.repair import leading_repair
 from mbaid_ros.core.results.budget import MAIN_CAUSES, UNOBSERVABLE
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate
+from mbaid_ros.core.results.identifiable import imprecise
 from mbaid_ros.core.samples import JOINT_MISSING
 from mbaid_ros.errors import listing
 from mbaid_ros.replay.results import Run
@@ -134,7 +137,12 @@ def _verdict(run: Run) -> str:
         return f'no estimate of {run.target_link}: {_why_none(run)}'
     if run.final.status == 'converged':
         return f'the inertia of {run.target_link} is identified{rest}'
-    return f'the inertia of {run.target_link} is estimated, but the estimate has not converged{rest}'
+    limit = float(cast('float', run.settings.get('convergence.relative_std', ConvergenceConfig().relative_std)))
+    wide = listing(imprecise(run.final, limit))
+    return (
+        f'the inertia of {run.target_link} is estimated; numbers and intervals are valid; '
+        f'standard deviations above {100.0 * limit:.3g} %: {wide}{rest}'
+    )
 
 
 def _why_none(run: Run) -> str:

@@ -175,3 +175,11 @@ def test_what_is_infinite_or_becomes_so_is_no_number(
     scaled = MAPPING.replace('scale: 0.017453292519943295', 'scale: 100.0')
     assert convert(tmp_path, TABLE.replace('90,1,10', f'{huge},1,10', 1), scaled) == 0
     assert '2 poses left out: no number there' in capsys.readouterr().err
+
+
+def test_base_and_joints_may_have_different_rates(tmp_path: Path) -> None:
+    table = 't,x,y,h,q\n0.00,1,2,0.1,\n0.01,,,,0.5\n0.02,1,2,0.1,0.6\n0.03,1,2,0.1,\n'
+    mapping = 'time: t\nbase: {position: [x, y], heading: h}\njoints: {j: {position: q}}\n'
+    assert convert(tmp_path, table, mapping) == 0
+    with BagReader(tmp_path / 'bag') as bag:
+        assert (bag.topics['/joint_states'].count, bag.topics['/odom'].count) == (2, 3)

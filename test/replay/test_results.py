@@ -209,3 +209,12 @@ def test_a_right_model_predicts_a_recorded_run_and_one_without_the_debris_does_n
     made = replay_bag(str(ROOT / 'bags' / 'servicer7_mid'), config, urdf, Inputs())
     found = some(holdout_of(made.history, 0.2))
     assert least < found.ratio < most
+
+
+def test_the_first_line_names_the_numbers_that_are_not_yet_precise() -> None:
+    std = np.where(np.arange(10) == 0, 0.02 * BODY[0], STD * 1e-3)
+    wide = estimate(status='estimating', covariance=np.diag(std**2))
+    line = summary(run(wide)).splitlines()[0]
+    assert line.endswith('is estimated; numbers and intervals are valid; standard deviations above 1 %: mass')
+    loose = run(wide, settings={**run(wide).settings, 'convergence.relative_std': 0.05})
+    assert 'standard deviations above 5 %: none' in summary(loose)

@@ -161,11 +161,10 @@ class Reporting:
 
         That of the centre of mass is the body's own size, or a given length, m.
         """
-        moments = np.sqrt(np.abs(parameters[_FIRST] * parameters[_SECOND]))
-        lengths = np.full(3, body_size(parameters) if length is None else length)
+        sizes = reference_sizes(parameters, length)
         # An element that vanishes is of the size that rounding leaves of a typical one.
         typical = np.concatenate((self.scale[:1], np.full(3, LENGTH), self.scale[4:]))
-        return np.maximum(np.concatenate((np.abs(parameters[:1]), lengths, moments)), 1e-9 * typical)
+        return np.maximum(sizes, 1e-9 * typical)
 
     def _reasons(
         self, identifiable: Flags, linear: Flags, residual: float, correction: float, solution: Solution
@@ -186,6 +185,20 @@ class Reporting:
 
 def _names(which: Flags) -> str:
     return ', '.join(name for name, named in zip(PARAMETERS, which, strict=True) if named)
+
+
+def reference_sizes(parameters: Array, length: float | None = None) -> Array:
+    """Return the sizes (10,) of `Reporting.sizes`, without its lower bounds."""
+    moments = np.sqrt(np.abs(parameters[_FIRST] * parameters[_SECOND]))
+    lengths = np.full(3, body_size(parameters) if length is None else length)
+    return np.concatenate((np.abs(parameters[:1]), lengths, moments))
+
+
+def imprecise(estimate: Estimate, limit: float) -> list[str]:
+    """Return the names of the identifiable parameters whose relative standard deviation is not below a limit."""
+    with np.errstate(divide='ignore', invalid='ignore'):
+        wide = ~(estimate.std / reference_sizes(estimate.parameters) < limit)
+    return [name for name, known in zip(PARAMETERS, wide & estimate.identifiable, strict=True) if known]
 
 
 def relative_std(covariance: Array, size: Array) -> Array:
