@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, Protocol
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags, cross, crossed, exp, mounted_base, rotate_back
-from mbaid_ros.core.repair import Conversion, Repair
+from mbaid_ros.core.repair import Conversion, Repair, Setting
 from mbaid_ros.core.results.verdict import Reason
 from mbaid_ros.core.robot.model import Configuration, PlaneDetector
 from mbaid_ros.core.robot.momentum import BodyStates, MomentumKernel
@@ -594,6 +594,25 @@ class Sensor(Protocol):
         """Return what it measures in windows; `base` is their motion as twists are read."""
 
 
+class NamedSensor(Sensor, Protocol):
+    """A sensor that parameters declare by name."""
+
+    @property
+    def of_pose(self) -> bool:
+        """Whether it measures the pose or a part of it."""
+
+    @property
+    def noise(self) -> Mapping[str, float]:
+        """The parameters of its noise, and their values; 0 where the messages have it."""
+
+    @property
+    def leave_out(self) -> Mapping[str, Setting]:
+        """The parameters that leave it out."""
+
+    def without(self, window: Window) -> Window:
+        """Return a window without its readings; the same object whenever it is asked for."""
+
+
 class Reader(Protocol):
     """Reads the messages of a named sensor."""
 
@@ -629,7 +648,7 @@ class Follower(Protocol):
 class Instrument(NamedTuple):
     """A named sensor from its messages to the filter."""
 
-    sensor: Sensor
+    sensor: NamedSensor
     reader: Reader
     follower: Follower
     numbers: Callable[[Any], Array]  # from N readings to the (N, k) numbers by which copies are told

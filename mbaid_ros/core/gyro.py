@@ -5,12 +5,23 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
-from typing import Any
+from functools import cache, lru_cache, partial
+from typing import Any, ClassVar
 
 import numpy as np
 
-from mbaid_ros.core.contracts import Course, Instrument, Motion, NominalModel, Observation, Stack, Unknown, diagonal
+from mbaid_ros.core.contracts import (
+    Course,
+    Instrument,
+    Motion,
+    NominalModel,
+    Observation,
+    Stack,
+    Unknown,
+    Words,
+    deviation_text,
+    diagonal,
+)
 from mbaid_ros.core.geometry import (
     Array,
     Flags,
@@ -38,7 +49,7 @@ from mbaid_ros.core.odometry.faults import (
 )
 from mbaid_ros.core.odometry.model import parabolic_weights, total
 from mbaid_ros.core.odometry.stream import QUATERNION_TOLERANCE, orientation_only, usable_covariance
-from mbaid_ros.core.repair import Repair
+from mbaid_ros.core.repair import Repair, Setting, numbers, wider_prior
 from mbaid_ros.core.robot.model import Kinematics, Link, PlaneDetector, RobotModel, express
 from mbaid_ros.core.robot.momentum import MomentumKernel, inverse_inertia_and_joint_momentum
 from mbaid_ros.core.samples import IMU_TYPE, ArrayRecord, BaseStream, ImuStream, Input, Samples, Stamps, stamps_of
@@ -322,6 +333,26 @@ class GyroErrors:
     name: str = IMU  # of its parameters
 
 
+def _said_of(name: str, parameter: str) -> str:
+    """Return a parameter of a gyro by the name in its labels: that of the first one is empty."""
+    return f'gyros.{name}.{parameter}' if name else f'{IMU}.{parameter}'
+
+
+def _off(what: str, scale: float, unit: str, parameter: str) -> Words:
+    """Return the words of one kind of errors, whose size is shown in a unit."""
+
+    def deviation(name: str, value: Array) -> str:
+        size = scale * float(np.sqrt(np.sum(value**2)))
+        return f'{what_gyro(name)} has {what} of {size:.3g} {unit}: calibrate it, or raise {_said_of(name, parameter)}'
+
+    return Words(remedy=f'{what} of a gyro: more motion determines it', deviation=deviation)
+
+
+def what_gyro(name: str) -> str:
+    """Return a gyro in words, by its topic or the name in its labels."""
+    return f'the gyro {name}' if name not in ('', IMU) else 'the IMU'
+
+
 @dataclass(frozen=True, eq=False)
 class Gyro(Unknown):
     """Bias (rad/s), scale, turn (rad) of its axes, cross-axis sensitivity, (3,) each, and delay (s)."""
@@ -330,8 +361,31 @@ class Gyro(Unknown):
     wandering: Array = field(default_factory=lambda: np.zeros((13, 0)))
     errors: GyroErrors = field(default_factory=GyroErrors)  # as declared
 
+    words: ClassVar = {
+        BIAS: _off('a bias', 1.0, 'rad/s', 'bias_std'),
+        STRETCH: _off('an error of its scales', 1e2, '%', 'scale_std'),
+        TURN: _off('a misalignment', 1e3, 'mrad', 'orientation_std'),
+        CROSS: _off('a cross-axis sensitivity', 1e2, '%', 'cross_axis_std'),
+        LATE: Words(
+            remedy='the delay of a gyro: more motion determines it',
+            deviation=lambda name, value: (
+                f'{what_gyro(name)} is stamped {1e3 * np.sum(value):+.3g} ms late against the poses: check its stamps'
+            ),
+        ),
+    }
     of_measurement = True
     in_equations = False  # which do not know of it
+
+    def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair | None:
+        """Return an error as uncertain as it is large; a delay has no parameter, and the gyro is left out."""
+        del kernel
+        kind, _, name = cause.partition(':')
+        text = deviation_text(cause, value).partition(':')[0]
+        if kind == LATE:
+            return Repair(text, without_gyro(self.errors.name), value=numbers(value), std=numbers(std), unit='s')
+        unit = {BIAS: 'rad/s', TURN: 'rad'}.get(kind, '')
+        parameter = {BIAS: 'bias_std', STRETCH: 'scale_std', TURN: 'orientation_std', CROSS: 'cross_axis_std'}[kind]
+        return wider_prior(text, _said_of(name, parameter), value, std, unit)
 
     @property
     def random_walk(self) -> Array:
@@ -405,9 +459,21 @@ def gyro(errors: GyroErrors | None) -> Gyro:
     return Gyro(diagonal(deviations), labels, wandering[:, : 3 * (own.walk > 0.0)], own)
 
 
+def without_gyro(name: str) -> Mapping[str, Setting]:
+    """Return the parameters that leave a gyro out, by the name of its parameters."""
+    return {f'{IMU}.noise_density': 0.0} if name == IMU else {f'{name}.use': False}
+
+
+@lru_cache(maxsize=256)
+def _without_gyro(window: Window, begin: int, end: int) -> Window:
+    further = window.knots.further.copy()
+    further[..., begin:end] = np.nan
+    return replace(window, knots=replace(window.knots, further=further))
+
+
 def gyro_check(name: str = IMU, columns: slice = slice(0, 3)) -> RateCheck:
     """Return the check whether a gyro on the base turns as the poses do; arguments as of `GyroSensor`."""
-    without = Repair('', {f'{name}.noise_density': 0.0})
+    without = Repair('', without_gyro(name))
     motion, error = partial(_turn_of_gyro, columns=columns), partial(_gyro_error, name=name)
     return RateCheck(motion, error, without, 'conflict')
 
@@ -435,7 +501,7 @@ def _gyro_error(motion: RateMotion, contradiction: float, name: str) -> tuple[st
 
 def _gyro_meanings(motion: RateMotion, name: str) -> Meanings:
     """Yield the conventions of a gyro, and the steps (W, 3) that each implies."""
-    what = 'the IMU' if name == IMU else f'the gyro {topic_of(name)}'
+    what = what_gyro(topic_of(name))
     text = f'the angular velocity of {what} is 57.3 times that of the poses: it is in degrees; accepted: rad/s, as in'
     yield 1.0, f'{text} REP 103', np.deg2rad(motion.read)
     meant, words = axes_between(motion.step, motion.read, motion.noise)
@@ -456,6 +522,22 @@ class GyroSensor:
     columns: slice  # of its integral in `Samples.further`
     link: Link | None = None  # that it is on, where joints move it; None on the base
     moved_by: Array = field(default_factory=lambda: np.zeros(0))  # (n,) 1 of each joint that moves this link, else 0
+
+    of_pose = False
+
+    @property
+    def noise(self) -> Mapping[str, float]:
+        """The density of its noise."""
+        return {f'{self.name}.noise_density': self.density}
+
+    @property
+    def leave_out(self) -> Mapping[str, Setting]:
+        """A density of zero for the first gyro, as it has no name of its own."""
+        return without_gyro(self.name)
+
+    def without(self, window: Window) -> Window:
+        """Return a window in which its integral is unknown."""
+        return _without_gyro(window, self.columns.start, self.columns.stop)
 
     @property
     def of_base(self) -> Array:

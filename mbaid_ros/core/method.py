@@ -368,6 +368,7 @@ class TrajectoryEstimator:
             gain=run.log_likelihood_ratio,
             instead=(kind_in_words(instead), gain),
             repairs=self._repairs(run, beside_prior),
+            noises={sensor.name: sensor.noise for sensor in self._layout.sensors},
         )
 
     def _repairs(self, run: Run, beside_prior: VarianceComponents) -> dict[str, Repair]:
@@ -386,6 +387,7 @@ class TrajectoryEstimator:
         return replace(
             now,
             stage='trajectory',
+            sensors=filtered.gaussian.innovations.fits,
             causes=tuple((cause.text, cause.gain) for cause in verdict.causes),
             remedies=_remedies(verdict.causes),
             events=(

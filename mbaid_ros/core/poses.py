@@ -5,18 +5,21 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
 
-from mbaid_ros.core.contracts import Course, Instrument, Linear, Motion, Observation, Words, diagonal
+from mbaid_ros.core.contracts import Course, Instrument, Linear, Motion, Observation, Words, deviation_text, diagonal
 from mbaid_ros.core.geometry import Array, Flags, exp, log, rotate, skew
 from mbaid_ros.core.odometry.model import MarkerConfig, marker_frame
 from mbaid_ros.core.odometry.stream import AttachedFrame, OdometryReader, PoseReader, orientation_only, source_of
+from mbaid_ros.core.repair import Repair, Setting, numbers, widened, wider_prior
 from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import BasePose, BaseStream, Input, Packets, Samples, SensorNoise, Stamps
 from mbaid_ros.core.streams import LATE
-from mbaid_ros.core.windows import ANGULAR_FIRST, knot_poses
+from mbaid_ros.core.windows import ANGULAR_FIRST, Window, knot_poses
 from mbaid_ros.errors import ParameterError, listing
 from mbaid_ros.parameters import by_name, named_groups, parameter
 
@@ -263,6 +266,18 @@ class PoseSensor:
     measures: str
     columns: slice  # of its sums in `Samples.readings`
     lever: Array = field(default_factory=lambda: np.zeros(3))  # m, in base axes, of a point of which it has no turn
+    noise: Mapping[str, float] = field(default_factory=dict)  # by the names of parameters
+
+    of_pose = True
+
+    @property
+    def leave_out(self) -> Mapping[str, Setting]:
+        """The parameter that leaves it out."""
+        return {f'{self.name}.use': False}
+
+    def without(self, window: Window) -> Window:
+        """Return a window in which it has read nothing."""
+        return _without_readings(window, self.columns.start, self.columns.stop)
 
     @property
     def of_base(self) -> Array:
@@ -320,6 +335,13 @@ class PoseSensor:
         )
 
 
+@lru_cache(maxsize=256)
+def _without_readings(window: Window, begin: int, end: int) -> Window:
+    readings = window.knots.readings.copy()
+    readings[..., begin:end] = 0.0
+    return replace(window, knots=replace(window.knots, readings=readings))
+
+
 def _interpolation(place: Array, count: int) -> Array:
     """Return the weights (..., count) of knots by which cubics interpolate at places between them, in knots."""
     first = np.clip(np.floor(place).astype(int) - 1, 0, count - _STENCIL)
@@ -367,7 +389,7 @@ class PoseErrors(Linear):
         MOUNT: Words(
             'mounts of the named poses',
             'poses.<name>.mount_position_std, .mount_orientation_std',
-            'the mount of {}: measure it (poses.{}.mount_position_std, .mount_orientation_std)',
+            'the mount of {}: measure it (poses.<name>.mount_position_std, .mount_orientation_std)',
             lambda name, value: (
                 f'{name} is mounted {1e3 * np.linalg.norm(value[3:6]):.3g} mm and '
                 f'{1e3 * np.linalg.norm(value[:3]):.3g} mrad off: measure its mount'
@@ -376,7 +398,7 @@ class PoseErrors(Linear):
         WORLD: Words(
             'worlds of the named poses',
             'poses.<name>.same_world',
-            'the world frame of {}: align it with that of the odometry (poses.{}.same_world)',
+            'the world frame of {}: align it with that of the odometry (poses.<name>.same_world)',
         ),
         DELAY: Words(
             'delays of the named poses',
@@ -386,6 +408,21 @@ class PoseErrors(Linear):
         ),
     }
     redrawn_per_motion = True
+
+    def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair | None:
+        """Return mount or delay as uncertain as it is off; None of a world, of which nothing is declared."""
+        del kernel
+        kind = cause.partition(':')[0]
+        if kind == WORLD:
+            return None
+        text, of = deviation_text(cause, value).partition(':')[0], f'poses.{self.name}'
+        if kind == DELAY:
+            return wider_prior(text, f'{of}.time_offset_std', value, std, 's')
+        parts = zip(('orientation', 'position'), np.split(value, 2), strict=True)
+        parameters: dict[str, Setting] = {
+            f'{of}.mount_{part}_std': widened(float(np.max(np.abs(own)))) for part, own in parts if own.any()
+        }
+        return Repair(text, parameters, value=numbers(value), std=numbers(std), unit='rad, m')
 
     def measured(self, sensor: str, motion: Motion) -> Array | None:
         """Return how much further on it reads the base by each."""
@@ -433,9 +470,16 @@ def pose_sensors(config: PosesConfig, model: RobotModel, frame_prefix: str) -> t
             own.measures,
             slice(_WIDTH * place, _WIDTH * (place + 1)),
             _frame(name, own, model, frame_prefix)[1] if own.measures == 'position' else np.zeros(3),
+            {f'poses.{name}.{part}_std': value for part, value in _levels(own).items()},
         )
         for place, (name, own) in enumerate(config.used.items())
     )
+
+
+def _levels(config: NamedPoseConfig) -> dict[str, float]:
+    """Return the declared noise of the parts that a sensor measures."""
+    levels = {'position': config.position_std, 'orientation': config.orientation_std}
+    return {part: value for part, value in levels.items() if config.measures in (part, 'both')}
 
 
 def pose_instruments(

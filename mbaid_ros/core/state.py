@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from scipy.linalg import block_diag
 
-from mbaid_ros.core.contracts import NominalModel, PlacedFrame, Sensor, Unknown, uncertain
+from mbaid_ros.core.contracts import NamedSensor, NominalModel, PlacedFrame, Unknown, uncertain
 from mbaid_ros.core.geometry import Array, Flags, Integers
 from mbaid_ros.core.results.verdict import BASE_SENSORS
 from mbaid_ros.core.robot.body import body_sizes
@@ -144,7 +144,7 @@ class Declared:
     joint_prior: UnknownsPrior | None = None  # of all independent numbers together, after a calibration
     total_mass: WeighedMass | None = None  # where the whole robot was weighed
     marker: PlacedFrame | None = None  # that the odometry locates; None for the base link or another link
-    sensors: tuple[Sensor, ...] = ()  # of the base's motion beside encoders and odometry
+    sensors: tuple[NamedSensor, ...] = ()  # of the base's motion beside encoders and odometry
     odometry: bool = True  # whether the base's poses count by themselves; else the sensors' readings, of which they are
 
     def with_links(self, links: Unknown) -> Declared:
@@ -181,7 +181,7 @@ class Layout:
     known: UnknownsPrior  # their prior
     # (3, 6) the equations that hold for a planar motion, as `PlaneDetector.equation_selection`; None in space
     plane: Array | None = None
-    sensors: tuple[Sensor, ...] = ()  # of the base's motion beside encoders and odometry
+    sensors: tuple[NamedSensor, ...] = ()  # of the base's motion beside encoders and odometry
     odometry: bool = True  # as of Declared
 
     @staticmethod
@@ -384,7 +384,7 @@ class Variables:
     previous_information: Array | None = None
     previous_bias: Array | None = None  # (b, b + 1) bias information of the run before; None without one
     mass_row: Array | None = None  # (v + 1,) the row of the robot's mass, where it was weighed, of unit variance
-    sensors: tuple[Sensor, ...] = ()  # of the base's motion beside encoders and odometry
+    sensors: tuple[NamedSensor, ...] = ()  # of the base's motion beside encoders and odometry
 
     @property
     def has_body_prior(self) -> bool:

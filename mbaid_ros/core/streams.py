@@ -44,7 +44,7 @@ class Gate:
     Attributes
     ----------
     messages : those that have passed, in the order of arrival
-    newest : ns, latest stamp that passed; None before the first
+    newest, first : ns, latest stamp that passed, and the first one; None before that
     epoch : number of jumps back so far
     dropped : messages that did not pass, by cause
     """
@@ -54,6 +54,7 @@ class Gate:
         self._suspect: tuple[int, Any] | None = None
         self.messages: list[Any] = []
         self.newest: int | None = None
+        self.first: int | None = None
         self.epoch = 0
         self.dropped: Counter[str] = Counter()
 
@@ -71,6 +72,8 @@ class Gate:
         if self._suspect is not None:
             self._drop_suspect()
         self.messages.append(message)
+        if newest is None:
+            self.first = stamp
         if newest is None or stamp > newest:
             self.newest = stamp
         return 0

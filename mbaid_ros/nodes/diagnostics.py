@@ -19,7 +19,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.errors import listing
 from mbaid_ros.nodes.subscriptions import LOST, Subscriptions
 from mbaid_ros.nodes.watch import ESTIMATE, NEXT
-from mbaid_ros.session.explanation import complaints, doubts, explain, obstacles, remarks
+from mbaid_ros.session.explanation import complaints, doubts, explain, obstacles, remarks, sensor_rows
 from mbaid_ros.session.session import Session
 
 OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
@@ -160,6 +160,17 @@ def estimate_report(state: RunState) -> Report:
     return level, text, values
 
 
+def sensors_report(state: RunState) -> Report:
+    """Return the report on the sensors of the base, a value each; a silent one is a warning."""
+    if state.session is None:
+        return OK, 'no robot description yet', []
+    rows = sensor_rows(state.session, state.estimate)
+    silent = [each.name for each in rows if not each.used]
+    level = WARN if silent and state.session.used else OK
+    text = f'nothing from {listing(silent)}' if silent else f'{len(rows)} in use'
+    return level, text, [(each.name, str(each)) for each in rows]
+
+
 def _parameters(estimate: Estimate) -> Values:
     rows: Values = []
     for name, unit, value, std in zip(PARAMETERS, UNITS, estimate.parameters, estimate.std, strict=True):
@@ -215,6 +226,7 @@ class Diagnostics:
         reports['thrust'] = self._thrust(state)
         reports['robot description'] = self._description(state)
         reports['samples'] = self._samples.report(state, heard=any(self._recent.values()))
+        reports['sensors'] = sensors_report(state)
         reports[ESTIMATE] = estimate_report(state)
         hardware = state.session.robot.model.name if state.session else ''
         return [

@@ -119,6 +119,7 @@ def as_json(run: Run) -> dict[str, Any]:
         else {'fraction': run.holdout.fraction, 'ratio': plain(run.holdout.ratio)},
         'causes': [{'cause': cause, 'gain': gain} for cause, gain in final.likely_causes],
         'repairs': [_repair(each) for each in final.repairs],
+        'sensors': [plain(vars(each)) for each in run.sensors],
         'capture': None if run.capture is None else _capture(run.capture),
         'debris': None if run.debris is None else _debris(run.debris),
         'samples': final.samples,

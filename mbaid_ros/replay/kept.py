@@ -13,7 +13,7 @@ from mbaid_ros.core.target import Debris
 from mbaid_ros.estimate_messages import Frames
 from mbaid_ros.parameters import values_of
 from mbaid_ros.replay.results import History, Run, TopicStatistics
-from mbaid_ros.session.explanation import missing_joints
+from mbaid_ros.session.explanation import missing_joints, sensor_rows
 from mbaid_ros.session.model_summary import ModelSummary
 from mbaid_ros.session.session import Session
 
@@ -83,6 +83,7 @@ class Kept:
             phase=robot.phase,
             capture=robot.captured(last) if last else None,
             posterior=posterior,
+            sensors=sensor_rows(session, last),
             advice='' if posterior is None or final.contradicted else _advice(session.config, posterior),
         )
 

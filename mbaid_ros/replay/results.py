@@ -14,6 +14,7 @@ from mbaid_ros.core.filter.posterior import Posterior
 from mbaid_ros.core.results.estimate import CapturePhase, Estimate
 from mbaid_ros.core.samples import Stamps
 from mbaid_ros.core.target import Debris
+from mbaid_ros.session.explanation import SensorRow
 from mbaid_ros.session.model_summary import ModelSummary
 
 HISTORY_LIMIT = 5_000
@@ -110,6 +111,7 @@ class Run:
     posterior: Posterior | None = None  # from which the next motion is planned; None where the method has none
     advice: str = ''  # the motion that would help most, in words; empty where none is needed or known
     holdout: Holdout | None = None  # how well the rest predicts the last part of the run; None where not asked for
+    sensors: tuple[SensorRow, ...] = ()  # that measure the base
 
     @property
     def reached(self) -> bool:

@@ -18,8 +18,8 @@ from mbaid_ros.core.contracts import (
     ConventionFactory,
     Hypothesis,
     Instrument,
+    NamedSensor,
     PlacedFrame,
-    Sensor,
     Unknown,
     uncertain,
 )
@@ -119,7 +119,7 @@ def _gyro_sensors(config: EstimatorConfig, model: RobotModel) -> tuple[GyroSenso
     return gyro_sensors(gyros, model, config.target_link, config.frame_prefix)
 
 
-def sensors(config: EstimatorConfig, model: RobotModel) -> tuple[Sensor, ...]:
+def sensors(config: EstimatorConfig, model: RobotModel) -> tuple[NamedSensor, ...]:
     """Return what measures the base's motion beside encoders and odometry.
 
     Raises ParameterError: A sensor cannot be where the parameters place it.

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
 
 from mbaid_ros.core.forces import FAR_THRUST, UNKNOWN_FRAME
 from mbaid_ros.core.gyro import IMU, IMU_FRAME
 from mbaid_ros.core.joints.stream import PARTNER_GAP
 from mbaid_ros.core.outliers import FLIPPED, JOINT_OUTLIER, JOINTS_HELD, OUTLIER, REPEATED_POSE
 from mbaid_ros.core.pipeline import NO_ODOMETRY, ODOMETRY_GAP, RATE_MISSING
+from mbaid_ros.core.results.estimate import Estimate, SensorFit
 from mbaid_ros.core.samples import (
     BAD_QUATERNION,
     JOINT_MISSING,
@@ -37,6 +41,8 @@ def remarks(session: Session, *, stuck: bool) -> list[str]:
     return [*complaints(session, stuck=stuck), *partly]
 
 
+# Causes for which messages of the odometry alone are dropped.
+_OF_ODOMETRY = (WRONG_CHILD_FRAME, BAD_QUATERNION, LOST_TRACKING, OTHER_SOURCE, REPEATED_POSE, OUTLIER)
 _APART = 2_000_000_000  # ns between the newest stamps of the two topics: more is no delay, also on a busy machine
 _MANY_OUTLIERS = 0.01  # share of the odometry
 _LISTED = 3  # fields with NaN that are named
@@ -212,3 +218,40 @@ def _wrong_child_frame(session: Session) -> str:
     given = session.intake.odometry_reader.other_child_frame[:60]
     links = listing(f"'{name}'" for name in _links_on_base(session))
     return f"child_frame_id is '{given}'; accepted: {links}; or, with marker.position, any that is no link of the robot"
+
+
+@dataclass(frozen=True)
+class SensorRow:
+    """Rate and use of a sensor, and how well it agrees with the model."""
+
+    name: str  # odom, or of its parameters
+    topic: str
+    rate: float  # Hz, by its stamps; NaN for fewer than two messages
+    used: int  # messages
+    dropped: Mapping[str, int]  # messages, by cause
+    # residual, share: as of SensorFit; NaN before the trajectory filter starts
+    residual: float
+    share: float
+
+    def __str__(self) -> str:
+        """Return it in one line."""
+        lost = ''.join(f', {count} dropped ({cause})' for cause, count in self.dropped.items())
+        return f'{self.rate:.3g} Hz, {self.used} used{lost}, residual {self.residual:.2g}, share {self.share:.2g}'
+
+
+def sensor_rows(session: Session, estimate: Estimate | None) -> tuple[SensorRow, ...]:
+    """Return a row for each sensor that measures the base: odometry where that is used, and those by name."""
+    fits = {each.name: each for each in estimate.sensors} if estimate else {}
+    topics = {ODOMETRY: '/odom'} if session.config.by_odometry else {}
+    topics |= {name: f'/{each.topic}' for name, each in session.named.items()}
+    rows = []
+    for name, topic in topics.items():
+        count, span = session.received[name], session.queue.span(name)
+        rate = (count - 1) / span if span > 0.0 else np.nan
+        dropped = {} if name == ODOMETRY else dict(session.dropped_of(name))
+        if name == ODOMETRY:
+            dropped = {cause: session.dropped[cause] for cause in _OF_ODOMETRY if session.dropped[cause]}
+        fit = fits.get(name, SensorFit(name, 0, np.nan, np.nan))
+        used = max(count - sum(dropped.values()), 0)
+        rows.append(SensorRow(name, topic, rate, used, dropped, fit.residual, fit.share))
+    return tuple(rows)

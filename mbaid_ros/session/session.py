@@ -28,7 +28,7 @@ from mbaid_ros.core.pipeline import Estimator, Identifier, PlainFaults, Synchron
 from mbaid_ros.core.poses import REFERENCE_GAP, reference
 from mbaid_ros.core.repair import Conversion, Repair
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.samples import BaseStream, JointStream, Packets, Source, number_of, stamp_of, stamps_of
+from mbaid_ros.core.samples import BaseStream, Input, JointStream, Packets, Source, number_of, stamp_of, stamps_of
 from mbaid_ros.core.streams import OTHER_CLOCK, Gate, Reorder
 from mbaid_ros.core.wheels import StoredMomentum, vector_of
 from mbaid_ros.errors import DataError, ParameterError
@@ -75,6 +75,15 @@ class MessageQueue:
     def newest(self) -> dict[str, int | None]:
         """The latest stamp of each topic, ns; None before its first."""
         return {name: gate.newest for name, gate in self._gates.items()}
+
+    def span(self, name: str) -> float:
+        """Return the time between the first and the latest stamp of a topic, s; 0 without any."""
+        gate = self._gates[name]
+        return 0.0 if gate.newest is None or gate.first is None else 1e-9 * (gate.newest - gate.first)
+
+    def dropped_of(self, name: str) -> Counter[str]:
+        """Return the messages of a topic that were not taken, by cause."""
+        return self._gates[name].dropped
 
     @property
     def latest(self) -> int | None:
@@ -241,19 +250,26 @@ class Intake:
         self._with_orientation = config.imu.orientation
         self.orientation_measured = False
         self._refused: Counter[str] = Counter()
+        self._unread: dict[str, Counter[str]] = {name: Counter() for name in named}
 
     @property
     def dropped(self) -> Counter[str]:
-        """Unused messages, by cause."""
+        """Unused messages, by cause, but for those that named sensors' followers drop."""
         return sum(
             (
                 *(self.merge.dropped, self._reorder.dropped, self.stored_momentum.dropped, self._pose_copies.dropped),
-                *(reorder.dropped for reorder in self._reorder_named.values()),
-                *(copies.dropped for copies in self._named_copies.values()),
+                *(self._dropped_before(name) for name in self.instruments),
                 *(copies.dropped for copies in self._joint_copies.values()),
             ),
             Counter(self._refused),
         )
+
+    def dropped_of(self, name: str) -> Counter[str]:
+        """Return the unused messages of a named sensor, by cause."""
+        return +(self._dropped_before(name) + self.instruments[name].follower.dropped)
+
+    def _dropped_before(self, name: str) -> Counter[str]:
+        return self._unread[name] + self._reorder_named[name].dropped + self._named_copies[name].dropped
 
     def streams(
         self, messages: Mapping[str, Sequence[Any]]
@@ -270,7 +286,7 @@ class Intake:
         found = {}
         for name, each in self.instruments.items():
             measured, dropped = each.reader.read(messages[name])
-            self._refused += dropped
+            self._unread[name] += dropped
             found[name] = self._reorder_named[name].push(self._named_copies[name].push(measured))
         if self._reference is not None:
             located = self._reference.push(found)
@@ -674,6 +690,15 @@ class Session:
     def dropped(self) -> Counter[str]:
         """Unused messages, by cause."""
         return self._earlier + self._segment.dropped + self.queue.dropped + self.base_source.dropped
+
+    def dropped_of(self, name: str) -> Counter[str]:
+        """Return the unused messages of a named sensor since the segment began, by cause."""
+        return self.queue.dropped_of(name) + self.intake.dropped_of(name)
+
+    @property
+    def named(self) -> Mapping[str, Input]:
+        """The topics of named sensors, by the names of their parameters."""
+        return self._named
 
     @property
     def replaced(self) -> Counter[str]:

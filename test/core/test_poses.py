@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from copy import deepcopy
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
@@ -22,7 +23,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import BaseStream, Samples, Stamps
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.parameters import build
-from mbaid_ros.session.explanation import intake_warnings
+from mbaid_ros.session.explanation import intake_warnings, sensor_rows
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import SimulatedRun
@@ -180,6 +181,57 @@ def test_a_sensor_that_never_speaks_is_named_and_the_run_goes_on() -> None:
 def test_one_that_is_not_used_changes_nothing() -> None:
     left_out = last(said(0, 8.0, 'imu'), {**EXACT, **TRACKER, 'poses.tracker.use': False})
     assert np.array_equal(left_out.std, last(said(0, 8.0, 'imu'), EXACT).std)
+
+
+def shifted(messages: Said, change: Callable[[Any, float], None]) -> Said:
+    """Return messages that a function of each and its time, s, has changed."""
+    copies = deepcopy(messages)
+    for time, _, message in copies:
+        change(message, time)
+    return copies
+
+
+def late(message: Any, _time: float) -> None:
+    """Stamp a message 50 ms late."""
+    message.header.stamp.nanosec += 50_000_000
+
+
+def drifting(message: Any, time: float) -> None:
+    """Move a pose by 2 mm/s."""
+    message.pose.position.x += 2e-3 * time
+
+
+def noisy(message: Any, time: float) -> None:
+    """Add noise of 5 mm."""
+    message.pose.position.x += 5e-3 * float(np.random.default_rng(round(1e4 * time)).normal())
+
+
+@pytest.mark.parametrize(
+    ('change', 'named'),
+    [
+        pytest.param(late, 'mocap is stamped +', marks=pytest.mark.long),
+        pytest.param(drifting, 'poses.mocap contradicts the other sensors', marks=pytest.mark.long),
+        (noisy, 'poses.mocap.position_std and poses.mocap.orientation_std are'),
+    ],
+)
+def test_a_broken_sensor_is_the_first_cause(change: Callable[[Any, float], None], named: str) -> None:
+    noise = 1e-3, 1e-4
+    read = shifted(poses('mocap', 0, 16.0, 50.0, noise), change)
+    names = {'poses.names': ['mocap'], 'poses.mocap.position_std': noise[0], 'poses.mocap.orientation_std': noise[1]}
+    estimate = last([*said(0, 16.0), *read], {**WITH_GYRO, **names, 'known_links.relative_std': 0.01})
+    assert estimate.contradicted
+    assert estimate.causes[0][0].startswith(named)
+
+
+def test_each_sensor_has_a_row() -> None:
+    read = poses('tracker', 3, 11.0, 2.0, (1.0, 2e-5))
+    session, estimates = heard([*said(3, 11.0), *read, *read[-1:]], {**WITH_GYRO, **TRACKER})
+    odometry, imu, tracker = sensor_rows(session, estimates[-1])
+    assert (odometry.name, imu.name, tracker.name) == ('odom', 'imu', 'poses.tracker')
+    assert (tracker.topic, tracker.used, tracker.dropped) == ('/tracker', len(read), {'stamp repeated': 1})
+    assert (odometry.rate, imu.rate, tracker.rate) == pytest.approx((100.0, 100.0, 2.0), rel=0.1)
+    assert odometry.share + imu.share + tracker.share == pytest.approx(1.0)
+    assert 0.5 < tracker.residual < 1.5
 
 
 def readings(stamps: Stamps) -> BaseStream:

@@ -33,7 +33,7 @@ from mbaid_ros.core.odometry.model import OF_TWIST, marker_text, vibration
 from mbaid_ros.core.passive.model import swinging_text
 from mbaid_ros.core.repair import Conversion, Repair, widened
 from mbaid_ros.core.results.estimate import PULSE
-from mbaid_ros.core.results.verdict import FOUND_NOISE, LARGEST_NIS, Cause, Innovations, Verdict
+from mbaid_ros.core.results.verdict import FOUND_NOISE, LARGEST_NIS, Cause, Innovations, Verdict, too_small
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.state import BODY, Declared, Layout, Point
@@ -71,6 +71,8 @@ _KEPT = 80
 _LATEST = 8  # windows whose samples show how noisy the sensors are: as noisy as they are now
 # A search over so many windows is due one window later: its work, up to some seconds, fits between their messages.
 _PACE = 5
+# Correlation of a sensor's innovations from window to window, over their size, below which they are noise.
+_WHITE = 0.3
 
 
 @dataclass(frozen=True)
@@ -236,6 +238,7 @@ class CandidateCauses:
             self._unknowns(windows, at, wide.gains(base, self.layout.causes)),
             self._conventions(windows, fits),
             self._left_out(windows, wrong_twist),
+            self._without_sensors(windows, base.innovations),
             self._vibrations(windows, at, wide.unpredicted(passed, base, quiet)),
         )
         for candidate in candidates:
@@ -291,6 +294,31 @@ class CandidateCauses:
             since, conversion = stretches[0][0], Conversion(left_out=stretches)
             repair = Repair(text.partition(':')[0], conversion=conversion, since=since)
             yield Candidate(text, passes, others, repair=repair)
+
+    def _without_sensors(self, windows: Sequence[Window], innovations: Innovations) -> Iterator[Candidate]:
+        """Yield windows without one named sensor each, and without the odometry where others measure the pose.
+
+        Innovations that are white show noise that is larger than declared; others, an error.
+        """
+        passes, ratios = self.extended(), dict(zip(innovations.sensors, innovations.ratio.tolist(), strict=True))
+        correlations = dict(zip(innovations.sensors, innovations.correlation.tolist(), strict=True))
+        for sensor in self.layout.sensors:
+            ratio = ratios.get(sensor.name, np.nan)
+            if not ratio > 1.0:
+                continue
+            times = float(np.sqrt(ratio))
+            text = f'{sensor.name} contradicts the other sensors, with {times:.2g} times its noise'
+            repair = Repair(text, sensor.leave_out)
+            text = f'{text}: check its clock, axes, units and mount, or leave it out'
+            if correlations[sensor.name] < _WHITE * ratio:
+                text = too_small(sensor.noise, times)
+                declared = {name: times * value for name, value in sensor.noise.items() if value > 0.0}
+                repair = Repair(text, declared or sensor.leave_out, value=times)
+            yield Candidate(text, passes, [sensor.without(window) for window in windows], repair=repair)
+        if self.layout.odometry and any(sensor.of_pose for sensor in self.layout.sensors):
+            text = 'the odometry contradicts the other sensors: check it, or leave it out (poses.alone)'
+            other = replace(self, layout=replace(self.layout, odometry=False))
+            yield Candidate(text, other.extended(), [without_twist(window) for window in windows])
 
     def _vibrations(self, windows: Sequence[Window], at: Point, unpredicted: Array) -> Iterator[Candidate]:
         """Yield swings of the base, by how each window's way is not as predicted, (W, p)."""

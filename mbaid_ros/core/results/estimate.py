@@ -81,6 +81,16 @@ class Thruster:
 
 
 @dataclass(frozen=True)
+class SensorFit:
+    """How well a sensor of the base agrees with the model."""
+
+    name: str  # odom, or of its parameters
+    count: int  # of its numbers in all windows
+    residual: float  # root mean square of its normalised innovations: 1 is as declared; NaN without any
+    share: float  # of the sum of the squares of all sensors; NaN without any
+
+
+@dataclass(frozen=True)
 class Estimate:
     """The state of an identification after a window, or after a sample with the paper's methods."""
 
@@ -113,6 +123,7 @@ class Estimate:
     thrusters: tuple[Thruster, ...] = ()  # estimates of each thruster that may deviate from its command
     flexible: tuple[PassiveJoint, ...] = ()  # the passive joints as estimated
     noise: NoiseLevels | None = None  # of the sensors as estimated; None where it is not
+    sensors: tuple[SensorFit, ...] = ()  # of the base, by name; empty before the trajectory filter starts
     budget: ErrorBudget | None = None  # where the parameters' variances come from; None where not available
     # candidate causes if the data contradict the model, the likeliest first, each with the gain
     # of log-likelihood without it

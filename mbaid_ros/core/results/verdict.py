@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal, NamedTuple
@@ -13,7 +13,7 @@ import numpy as np
 from mbaid_ros.core.geometry import Array, Flags, Integers, chi_square_limit
 from mbaid_ros.core.interval import PARAMETERS
 from mbaid_ros.core.repair import Repair, Setting
-from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Status
+from mbaid_ros.core.results.estimate import WITHHELD, Estimate, SensorFit, Status
 
 Severity = Literal['note', 'contradiction', 'conflict']
 # Parameters with which the noise found in the readings takes the place of the declared one.
@@ -142,6 +142,18 @@ class Innovations:
         """The sensors, in the order of their numbers."""
         return tuple(dict.fromkeys(self.sources))
 
+    @property
+    def fits(self) -> tuple[SensorFit, ...]:
+        """How well each sensor agrees with the model: the odometry, and the further ones by name."""
+        names = np.array(['odom' if sensor in BASE_SENSORS else sensor for sensor in self.sensors])
+        squares, found = self._of_sensors[0][0], []
+        for name in dict.fromkeys(names.tolist()):
+            own = names == name
+            count, part = int(np.sum(self.count[own])), float(np.sum(squares[own]))
+            residual, share = (float(np.sqrt(part / count)), part / float(np.sum(squares))) if count else (np.nan,) * 2
+            found.append(SensorFit(name, count, residual, share))
+        return tuple(found)
+
     @cached_property
     def _of_sensors(self) -> tuple[Array, Array]:
         """Sums and counts, (2, s) each, of the s sensors."""
@@ -219,6 +231,7 @@ class Evidence:
     instead: tuple[str, float]
     # by declared thing, in words, how a run takes it into account that it is as far off as it is estimated
     repairs: Mapping[str, Repair] = field(default_factory=dict)
+    noises: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # parameters of named sensors' noise
 
 
 @dataclass(frozen=True)
@@ -288,6 +301,11 @@ def widening(innovations: Innovations, nis: float) -> float:
     return max(1.0, nis) * (1.0 + correlation) / (1.0 - correlation)
 
 
+def too_small(noise: Collection[str], times: float) -> str:
+    """Return that parameters of a sensor's noise are so many times too small."""
+    return f'{" and ".join(noise)} {"are" if len(noise) > 1 else "is"} {times:.1f} times too small'
+
+
 def _causes(evidence: Evidence) -> tuple[Cause, ...]:
     """Return the candidate causes, the likeliest first."""
     causes = [
@@ -305,9 +323,11 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
         if innovations.ratio_significance[place] > _SIGNIFICANT:
             gain = 0.5 * count * (ratio - 1.0 - np.log(ratio))
             of_base = sensor in BASE_SENSORS
-            parameter = f'noise.{sensor}' if of_base else f'{sensor}.noise_density'
-            text = f'{parameter} is {np.sqrt(ratio):.1f} times too small'
-            noisy = Repair(text, FOUND_NOISE, value=float(np.sqrt(ratio))) if of_base else None
+            noise = {f'noise.{sensor}': 0.0} if of_base else evidence.noises.get(sensor, {sensor: 0.0})
+            times = float(np.sqrt(ratio))
+            text = too_small(noise, times)
+            wider = {name: times * value for name, value in noise.items() if value > 0.0}
+            noisy = Repair(text, FOUND_NOISE if of_base else wider, value=times) if of_base or wider else None
             causes.append(Cause(f'{text}, or the model is wrong', gain, noisy))
         correlation = float(innovations.correlation[place])
         if innovations.correlation_significance[place] > _SIGNIFICANT:

@@ -34,6 +34,7 @@ from mbaid_ros.replay.report.tables import (
     captured_body,
     error_budget,
     noise,
+    sensors,
 )
 from mbaid_ros.replay.results import Run
 from mbaid_ros.replay.saved import Truth
@@ -76,6 +77,7 @@ def _section(run: Run, truth: Truth | None, name: str) -> str:
         '<h3>What arrived</h3>',
         _data(run),
         noise(run.final.noise),
+        sensors(run),
         '<h3>Settings</h3>',
         _settings(run),
     ]

@@ -26,6 +26,7 @@ _MOTION_UNITS = (*('m/s',) * 3, *('rad/s',) * 3)
 _OTHERS = 'all others'
 _NAMED = 6  # causes beside sensor noise that have a colour of their own in the style of the page
 _LEAST = 0.01  # share of any parameter, for a cause to be named
+_SEVERAL = 2  # sensors, that are compared
 _ROOM = 0.05  # share that a number fits into
 # More data help little where ten times as many leave this much of the standard deviation.
 _TIMES, _LITTLE = 10, 0.7
@@ -145,6 +146,24 @@ def noise(levels: NoiseLevels | None) -> str:
     ]
     head = ('sensor', 'declared', 'estimated', 'unit')
     return '<h3>Noise of a reading</h3>' + table(head, rows) + listed(levels.differences())
+
+
+def sensors(run: Run) -> str:
+    """Return rate, use and fit of each sensor of the base; nothing where odometry is the only one."""
+    if len(run.sensors) < _SEVERAL:
+        return ''
+    rows = [
+        (
+            each.name,
+            number(each.rate, 3),
+            str(each.used),
+            ', '.join(f'{count} {cause}' for cause, count in each.dropped.items()),
+            *('' if math.isnan(value) else f'{value:.2f}' for value in (each.residual, each.share)),
+        )
+        for each in run.sensors
+    ]
+    head = ('sensor of the base', 'Hz', 'used', 'dropped', 'residual', 'share of chi-square')
+    return '<h3>Sensors of the base</h3>' + table(head, rows)
 
 
 def captured_body(run: Run) -> str:
