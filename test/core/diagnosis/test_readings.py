@@ -22,12 +22,12 @@ MOUNT = np.array([0.785, -0.873, 0.576, -0.1, 0.4, 0.2])  # rad, 75 degrees in a
 
 @cache
 def windows() -> tuple[Window, ...]:
-    """Return 20 s of servicer7 in windows of half a second."""
-    samples, spacing, length = observe(configured_motion('servicer7', 22.0, 100.0), MID, 3), 0.05, 0.5
+    """Return 22 s of servicer7 in windows of half a second."""
+    samples, spacing, length = observe(configured_motion('servicer7', 25.0, 100.0), MID, 3), 0.05, 0.5
     count = BEFORE + round(length / spacing) + AFTER
     noise = WindowNoise(50, MID.joint_position, np.eye(6) * 1e-6, np.eye(6) * 1e-6, 0.0)
     found = []
-    for start in np.arange(1.0, 20.0, length):
+    for start in np.arange(1.0, 23.0, length):
         begin = start - BEFORE * spacing
         first, last = np.searchsorted(samples.time, [begin - 1e-6, begin + count * spacing - 1e-6])
         knots = averages([samples[int(first) : int(last)]], np.array([begin]), spacing, count, np.zeros(3))
