@@ -57,7 +57,7 @@ class DebrisConfig:
 
     report: bool = parameter(default=False)
     """Also report the captured body alone: the estimate minus the target link's <inertial>, which known_links.<link>
-    then declares, as in calibrate."""
+    then declares, as in calibrate. It needs all ten numbers: on a table, use a separate link for the body."""
 
 
 def changed_by(text: str, mass: float | None, centre: Array) -> str:
