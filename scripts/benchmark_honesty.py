@@ -14,7 +14,7 @@ _SHOWN = 3  # causes that a reader looks at
 
 def main() -> None:
     """Run the benchmark."""
-    frame = Frame(__doc__, 'measured/honesty.md', seeds=6, method='trajectory')
+    frame = Frame(__doc__, 'measured/honesty.md', seeds=6, method='trajectory', repaired=3)
     method = frame.arguments.method
     chosen = frame.chosen(CONDITIONS, lambda each: f'{each.group}: {each.name}')
     files = {(each.name, method): f'{method}-{each.name}' for each in chosen}
@@ -48,7 +48,16 @@ def _repaired(frame: Frame, verdicts: Mapping[Condition, Verdict]) -> dict[str, 
     """Return the verdicts with `repair` on the conditions that have runs without numbers, by name."""
     without = [each.name for each, verdict in verdicts.items() if set(verdict.statuses) - {*PUBLISHED, REFUSED}]
     files = {(name, REPAIRED): f'repaired-{name}' for name in without}
-    return {name: judged(outcome, name) for (name, _), outcome in frame.outcomes(Outcome, run, files)}
+    seeds = dict.fromkeys(files, min(frame.arguments.repaired, frame.arguments.seeds))
+    found = {}
+    for (name, _), outcome in frame.outcomes(Outcome, run, files, seeds):
+        found[name] = judged(outcome, name)
+        print(f'repaired: {name}: {_again(found[name])}', flush=True)
+    return found
+
+
+def _again(verdict: Verdict) -> str:
+    return f'{statuses(verdict.statuses.elements())}; {percent(verdict.covered)}; {number(verdict.largest, 1)}'
 
 
 def _line(condition: Condition, verdict: Verdict, repaired: Mapping[str, Verdict]) -> list[str]:
@@ -65,9 +74,7 @@ def _line(condition: Condition, verdict: Verdict, repaired: Mapping[str, Verdict
         _named(verdict),
         ', '.join(str(place or '-') for place in verdict.places),
         '**yes**' if verdict.silently_wrong else 'no',
-        '-'
-        if again is None
-        else f'{statuses(again.statuses.elements())}; {percent(again.covered)}; {number(again.largest, 1)}',
+        '-' if again is None else _again(again),
     ]
 
 

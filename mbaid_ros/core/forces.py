@@ -503,7 +503,8 @@ def drifting_momentum(known_mass: float) -> Hypothesis:
     """Return the momentum of a robot with known bodies of a mass, kg, as a random walk."""
     return Hypothesis(
         'the momentum drifts',
-        'an unreported part moves (wheels, an arm, fuel), or a changing force acts: the momentum drifts',
+        'an unreported part moves (wheels, an arm, fuel), or a changing force acts: the momentum drifts; publish the '
+        'part, or set disturbance.torque_std and disturbance.torque_time',
         momentum=_CHANGING_FORCE * known_mass,
         physical=False,
     )

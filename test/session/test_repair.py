@@ -28,6 +28,7 @@ from mbaid_ros.session.repairing import MOST, RepairPolicy, repaired
 from mbaid_ros.session.session import Session
 from sessions import URDF, session
 
+SIGN = Repair('the sign of joint4 is wrong', conversion=Conversion(factors={'joint4': -1.0}))
 ZERO = Repair('the zero of joint4 is off', {'known_joints.joint4.zero_std': 0.05})
 
 
@@ -105,6 +106,48 @@ def test_a_run_without_a_contradiction_is_the_same_with_repair() -> None:
     assert not asked[-1].repairs
 
 
+def repair_once(monkeypatch: pytest.MonkeyPatch, repair: Repair) -> None:
+    """Let the next run with `repair` make a repair at its first estimate, and no other one."""
+    left = iter([repair])
+    monkeypatch.setattr(RepairPolicy, 'repair', lambda *_: next(left, None))
+
+
+def test_a_wrong_repair_is_taken_back_by_a_reset_and_where_the_stamps_jump_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    given = messages('sinusoids of the shipped robot', 7.0)
+    right = replayed(started(), given)[-1]
+    asked = started(repair=True)
+    for reset in (False, True):
+        repair_once(monkeypatch, SIGN)
+        wrong = replayed(asked, given)[-1]
+        assert wrong.repairs == (SIGN,)
+        assert not same(wrong, right)
+        if reset:
+            asked.reset()
+        # Without a reset, the stamps jump back: what has been found counts for the run before alone.
+        again = replayed(asked, given)[-1]
+        assert again.repairs == asked.repairs == ()
+        assert same(again, right)
+        asked.reset()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ('name', 'seconds'),
+    [("a joint's zero 30 mrad off", 30.0), ('an encoder that slips by 10 mrad', 45.0), ('two joints swapped', 30.0)],
+)
+def test_live_equals_replay_and_the_parameters_of_a_repair_give_its_numbers(name: str, seconds: float) -> None:
+    given = messages(name, seconds)
+    one, other = replayed(started(repair=True), given)[-1], live(started(repair=True), given)[-1]
+    assert one.repairs
+    assert one.repairs == other.repairs
+    assert same(one, other)
+    if all(each.by_parameters for each in one.repairs):
+        found = {name: value for each in one.repairs for name, value in (each.parameters or {}).items()}
+        assert same(replayed(started(**found), given)[-1], one)
+
+
 def contradicted(*remedies: Repair, time: float = 0.0) -> Estimate:
     """Return an estimate that contradicts its model, with causes of equal likelihood."""
     causes = tuple((each.cause, 1000.0) for each in remedies)
@@ -125,10 +168,10 @@ def test_a_contradiction_has_to_last_before_a_repair() -> None:
 def test_causes_that_are_as_likely_wait_for_more_windows() -> None:
     axis = Repair('the axis of joint5 is off', {'known_joints.joint5.axis_std': 0.05})
     policy, config = RepairPolicy(), EstimatorConfig()
-    decisions = [policy.repair(contradicted(ZERO, axis), config, ()) for _ in range(64)]
-    assert decisions[:63] == [None] * 63
-    assert decisions[63] is not None
-    assert set(decisions[63].parameters or ()) == {'known_joints.joint4.zero_std', 'known_joints.joint5.axis_std'}
+    decisions = [policy.repair(contradicted(ZERO, axis), config, ()) for _ in range(32)]
+    assert decisions[:31] == [None] * 31
+    assert decisions[31] is not None
+    assert set(decisions[31].parameters or ()) == {'known_joints.joint4.zero_std', 'known_joints.joint5.axis_std'}
 
 
 def test_a_repair_is_not_made_twice_nor_after_three_nor_late() -> None:

@@ -333,7 +333,9 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
         if innovations.correlation_significance[place] > _SIGNIFICANT:
             relative = correlation / max(ratio, 1.0)
             gain = -0.5 * float(innovations.pairs[place]) * np.log(max(1.0 - relative**2, 1e-3))
-            causes.append(Cause(f'the noise of {sensor} is correlated over more than a window', gain))
+            remedy = 'set noise.base_correlation_time' if sensor in BASE_SENSORS else 'look at its driver'
+            text = f'the noise of {sensor} is correlated over more than a window: {remedy}'
+            causes.append(Cause(text, gain))
     if evidence.hypothesis and evidence.physical:
         causes.append(Cause(evidence.hypothesis, evidence.gain))
     causes.sort(key=lambda cause: -cause.gain)
