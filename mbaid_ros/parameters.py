@@ -39,7 +39,7 @@ _WORDS: dict[Kind, str] = {
 Owner = type  # of a field: ParameterSpec has a `type` of its own
 _INTEGER_LIMIT = 2**63  # a ROS integer has 64 bits
 # Topics that the estimator subscribes to, beside those of named sensors.
-INPUT_TOPICS = ('joint_states', 'odom', 'pose', 'imu', 'thrust', 'stored_momentum', 'robot_description')
+INPUT_TOPICS = ('joint_states', 'odom', 'pose', 'imu', 'thrust', 'stored_momentum', 'target_pose', 'robot_description')
 METHODS = ('trajectory', 'difference', 'paper_difference', 'paper_main')
 T = TypeVar('T')
 _METADATA, _BY_NAME = 'mbaid_ros.parameter', 'mbaid_ros.by_name'

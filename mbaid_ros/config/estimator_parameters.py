@@ -20,6 +20,7 @@ from mbaid_ros.core.poses import PosesConfig
 from mbaid_ros.core.results.noise_levels import CHANNELS, TYPICAL
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.core.target import DebrisConfig, MomentumConfig, TargetPriorConfig
+from mbaid_ros.core.tracked_target import TrackedTargetConfig
 from mbaid_ros.core.wheels import WheelsConfig
 from mbaid_ros.parameters import METHODS, parameter
 
@@ -190,6 +191,7 @@ class EstimatorConfig:
     orbit: OrbitConfig = field(default_factory=OrbitConfig)
     wheels: WheelsConfig = field(default_factory=WheelsConfig)
     capture: CaptureConfig = field(default_factory=CaptureConfig)
+    target: TrackedTargetConfig = field(default_factory=TrackedTargetConfig)
     paper: PaperConfig = field(default_factory=PaperConfig)
     convergence: ConvergenceConfig = field(default_factory=ConvergenceConfig)
     plan: PlanConfig = field(default_factory=PlanConfig)

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mbaid_ros.core.difference.weighted import BODY, window_rows
+from mbaid_ros.core.contracts import Unknown
+from mbaid_ros.core.difference.weighted import BODY, ConsiderParameters, window_rows
 from mbaid_ros.core.filter.posterior import Posterior
 from mbaid_ros.core.geometry import Array, skew, unvec
 from mbaid_ros.core.pipeline import Estimator
@@ -16,6 +17,7 @@ from mbaid_ros.core.results.estimate import CapturePhase, Estimate, determined
 from mbaid_ros.core.results.verdict import Reason, notes, with_reasons
 from mbaid_ros.core.robot.momentum import MomentumKernel, momentum_change
 from mbaid_ros.core.samples import FEWEST, Samples, SensorNoise, with_rates
+from mbaid_ros.core.tracked_target import TargetAtCapture, TargetTrack
 from mbaid_ros.parameters import parameter
 from mbaid_ros.tasks import Tasks
 
@@ -23,6 +25,9 @@ PHASES = ('post_capture', 'pre_capture')
 ENOUGH = 50  # redundant equations, before residual and jumps are judged: variances of fewer are uncertain to a fifth
 BEFORE = 'before the capture only the known model is checked; nothing is identified'
 MARGIN = 0.5  # s, before and after the capture, in which bodies touch and slip: those windows are not used
+_KEPT = 240  # windows before the capture, at most, by which the robot's momentum depends on its errors
+NOT_TAKEN = 'the poses of the target do not count: orbit.mean_motion is set, or method is not trajectory'
+NO_ROBOT = 'the motion of the tracked target does not count: no window of the robot before the capture is usable'
 _SLACK = 1e-9  # s, by which times of stamps in nanoseconds may differ as numbers
 _REMEMBERED = 200  # estimates, in which an event that is found late has to lie: those before are final
 _JUMP = 60.0  # chi-square of six numbers, which chance exceeds once in 1e10 windows
@@ -39,6 +44,9 @@ class CaptureConfig:
     """Time of the capture after the first sample, if known beforehand; 0: phase decides."""
     detect: bool = parameter(default=False)
     """Interpret a jump of the momentum as the capture, once pre_capture has lasted five seconds."""
+    settling: float = parameter(0.0, 's', minimum=0.0)
+    """Time after the capture in which the body may slip in the grasp; of a target tracked before (target_pose), the
+    velocity of its centre of mass alone counts then."""
 
 
 @dataclass(frozen=True)
@@ -58,10 +66,12 @@ class KnownMomentum:
     ----------
     kernel : MomentumKernel, its target with its own inertia
     noise : of the joints; the base's stands in the samples
+    kept : windows to keep at most
     """
 
-    def __init__(self, kernel: MomentumKernel, noise: SensorNoise) -> None:
+    def __init__(self, kernel: MomentumKernel, noise: SensorNoise, kept: int = 0) -> None:
         self._kernel = kernel
+        self.windows: deque[Samples] = deque(maxlen=kept)  # the last ones
         self._noise = noise
         self._origin: Array | None = None  # near the base: far from it L would be all p x P
         self._momentum: Array = np.zeros(6)
@@ -85,6 +95,7 @@ class KnownMomentum:
         self._momentum = self._momentum + np.linalg.solve(self._information, gain)
         self._windows += 1
         self._samples += len(window)
+        self.windows.append(window)
 
     def innovation_squared(self, window: Samples) -> float:
         """Return how far a window's momentum is from that of the others: chi-square of six numbers if nothing acts.
@@ -96,6 +107,23 @@ class KnownMomentum:
         transport, measured, covariance = self._measured(window, self._origin)
         square = self._square(measured - transport @ self._momentum, transport, covariance)
         return square / max(self._cost / self.redundancy, 1.0)
+
+    def columns(self, unknown: Unknown) -> Array:
+        """Return how the momentum depends on an unknown's independent numbers, (6, e), by the windows that are kept."""
+        considered = ConsiderParameters(self._kernel, (unknown,))
+        if self._origin is None or not considered.count or unknown.changes_momentum:
+            return np.zeros((6, unknown.count))
+        body = self._kernel.target.parameters
+        information, right = np.zeros((6, 6)), np.zeros((6, unknown.count))
+        every = considered.columns(list(self.windows), body)
+        for window, columns in zip(self.windows, every, strict=True):
+            transport, _, covariance = self._measured(window, self._origin)
+            weighed = np.linalg.solve(covariance, transport).T
+            information += weighed @ transport
+            right += weighed @ columns
+        by_unknown = np.linalg.solve(information, right)
+        by_unknown[3:] += skew(self._origin) @ by_unknown[:3]
+        return by_unknown
 
     def _measured(self, window: Samples, origin: Array) -> tuple[Array, Array, Array]:
         """Return T, y and the covariance of y in y = T (P, L), L about an origin."""
@@ -139,6 +167,8 @@ class Capture:
     covariance: Array  # (6, 6)
     velocity: Array  # (3,) m/s, of the captured body's CoM before it, odometry axes; NaN where not known
     spin: Array  # (3,) rad/s, as the velocity
+    tracked: TargetAtCapture | None = None  # where the target was tracked before
+    misfit: tuple[float, int] = (0.0, 0)  # chi-square of its motion, as of Estimate
 
 
 class CaptureEstimator:
@@ -150,6 +180,9 @@ class CaptureEstimator:
     noise : of the sensors
     largest_residual : of the known model, from which its momentum does not count as conserved
     detect : take a jump of the momentum that two windows in a row show for the capture
+    settling : s, after the capture, in which the body may slip
+    track : of the target before the capture
+    make_tracked : makes the method for a target that was tracked; None where it does not take any
 
     Attributes
     ----------
@@ -165,8 +198,15 @@ class CaptureEstimator:
         largest_residual: float,
         *,
         detect: bool = False,
+        settling: float = 0.0,
+        track: TargetTrack | None = None,
+        make_tracked: Callable[[TargetAtCapture], Estimator] | None = None,
     ) -> None:
         self._make, self._method = make, make()
+        self._make_tracked, self._track, self._settling = make_tracked, track, settling
+        self._tracked: TargetAtCapture | None = None
+        self._notes: tuple[str, ...] = ()  # about the tracked target
+        self._begun = False  # whether a window after the capture has been used
         self.method = self._method.method
         self.needs_rates = self._method.needs_rates
         self.time: float | None = None
@@ -174,11 +214,12 @@ class CaptureEstimator:
         self._largest_residual = largest_residual
         self._detect = detect
         self._suspect: Samples | None = None  # the first window after a possible capture
-        self._known = KnownMomentum(kernel, noise)
+        self._known = KnownMomentum(kernel, noise, 0 if track is None else _KEPT)
         self._waiting: deque[Samples] = deque()  # windows that may yet turn out to lie within the margin
         self._latest = -np.inf  # s, end of the last window
         self._estimates: deque[Estimate] = deque(maxlen=_REMEMBERED)
         self._target_pose: tuple[float, Array, Array] | None = None  # s from the capture; R, r of the target link then
+        self._at_capture: Samples | None = None  # the sample of that
         self._last_before: Samples | None = None  # the last sample before the capture
 
     @property
@@ -211,17 +252,49 @@ class CaptureEstimator:
             self._waiting.clear()
             if self._target_pose is None or not self._estimates:
                 self._note_target_pose(window, self.time)
-            if window.time[0] > self.time + MARGIN - _SLACK:
+            if window.time[0] > self.time + max(MARGIN, self._settling) - _SLACK:
                 later.append(self._with_tide_since_capture(window))
+        if later and not self._begun:
+            self._begin(origin)
         found = self._method.update(later, origin) if later else []
         self._estimates.extend(found)
-        doubts = notes(self._doubts())
+        doubts = notes((*self._notes, *self._doubts()))
         return [*made, *(with_reasons(each, doubts) for each in found)]
 
     def restart_at(self, time: float) -> None:
         """Move the capture to a later time (s) and begin the method anew."""
         self.time, self._method, self._target_pose = time, self._make(), None
+        self._tracked, self._notes, self._begun = None, (), False
         self._estimates.clear()
+
+    def _begin(self, origin: int) -> None:
+        """Begin the method anew where the target was tracked before the capture; origin: ns, at time 0."""
+        self._begun = True
+        if not self._track or self._at_capture is None or self.time is None:
+            return
+        if self._make_tracked is None:
+            self._notes = (NOT_TAKEN,)
+            return
+        chaser = self._known.chaser()
+        if chaser is None:
+            self._notes = (NO_ROBOT,)
+            return
+        windows, end = list(self._known.windows), self.time - MARGIN
+        flight, self._notes = self._track.flight(self.kernel, windows, origin, end, self.time)
+        if flight is None:
+            return
+        wider = max(chaser.residual, 1.0) if np.isfinite(chaser.residual) else 1.0
+        self._tracked = TargetAtCapture(
+            self.time,
+            flight,
+            self.kernel,
+            self._at_capture,
+            chaser.momentum,
+            wider * np.linalg.cholesky(chaser.covariance),
+            self._known.columns,
+            rigid=self._settling == 0.0,
+        )
+        self._method = self._make_tracked(self._tracked)
 
     def _with_tide_since_capture(self, window: Samples) -> Samples:
         """Return a window with the orbit's momentum since the capture only: the captured body was not there before."""
@@ -257,7 +330,8 @@ class CaptureEstimator:
             total.momentum_covariance + chaser.covariance,
         )
         velocity, spin = self._motion(momentum, body)
-        return Capture(self.time, chaser, momentum, covariance, velocity, spin)
+        misfit = self._estimates[-1].target_misfit
+        return Capture(self.time, chaser, momentum, covariance, velocity, spin, self._tracked, misfit)
 
     def _pre_capture_estimate(self, window: Samples, origin: int) -> Estimate:
         self._waiting.append(window)
@@ -322,6 +396,7 @@ class CaptureEstimator:
         if self._target_pose is None or apart < self._target_pose[0]:
             state = self.kernel.states(window[nearest : nearest + 1])
             self._target_pose = (apart, state.rotation[0], window.base_position[nearest] + state.position[0])
+            self._at_capture = window[nearest : nearest + 1]
 
     def _motion(self, momentum: Array, body: Array | None) -> tuple[Array, Array]:
         """Return velocity of the CoM and spin of the captured body before the capture; NaN where not known."""

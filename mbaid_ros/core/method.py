@@ -66,6 +66,7 @@ from mbaid_ros.core.state import (
     variables,
 )
 from mbaid_ros.core.target import ChangedTarget, another_body, target_changed_text
+from mbaid_ros.core.tracked_target import CaptureRows, TargetAtCapture
 from mbaid_ros.core.windows import KnotAveraging, Window, without_twist
 from mbaid_ros.tasks import AT_ONCE, Kind, Tasks, Work
 
@@ -92,6 +93,10 @@ _ALONE = 10.0
 FIRST_STAGE = 'first stage: its numbers are withheld until the trajectory filter starts, which knows late stamps, too'
 FIRST_ESTIMATE = 'first estimate: a wrong URDF cannot be detected from so short a motion'
 LATE = 'first stage: stamps that are late by some 10 ms, or velocities that lag, are not known yet'
+TARGET_CONTRADICTS = (
+    'the motion of the tracked target is left out, because it contradicts that since the capture: another frame or '
+    'scale of its poses, late stamps, or contact with something else'
+)
 DISAGREE = Reason(
     'the difference form and the trajectory filter contradict each other: the robot description, the noise values or '
     'the frames are wrong',
@@ -113,6 +118,7 @@ class TrajectorySettings:
     located: bool = True  # whether anything locates the base; linear momentum means nothing where not
     orientation_measured: bool = True  # whether anything but a gyro measures the orientation
     before: Continuation | None = None  # the run that this one continues
+    tracked: TargetAtCapture | None = None  # the target before its capture, where it was tracked
 
 
 def forces(filtered: HypothesisFilter, distribution: MeanAndCovariance) -> tuple[Event, ...]:
@@ -209,6 +215,8 @@ class TrajectoryEstimator:
         self._earlier: tuple[Event, ...] = ()  # before the target changed last
         self._change: ChangedTarget | None = None
         self._wrong_twist = ''  # why the twist has been left out
+        self._left_out = ''  # why the motion of the tracked target has been
+        self._moved = 0  # windows since the joints moved first
         self._coming: list[Window] = []
         self._samples = 0
         self._last: Samples | None = None
@@ -233,6 +241,8 @@ class TrajectoryEstimator:
             # Predict the twist, linearise, update every hypothesis, choose.
             has_prior = self._variables.has_body_prior or self._variables.previous_bias is not None
             joints_moved = knots.joints_moved or has_prior
+            self._moved += knots.joints_moved
+            joints_moved |= self._variables.tracked is not None
             # Known thrust moves a body without joints: its impulse over the change of the velocity is the mass.
             joints_moved |= not self._kernel.model.joints and bool(np.any(window.impulse))
             run.add(ready, still_open, joints_moved=joints_moved)
@@ -259,9 +269,19 @@ class TrajectoryEstimator:
             before = self._settings.before
             if before is not None and before.planar == self._plane.planar:
                 self._variables = self._variables.for_continued_run(before.root, before.bias)
+            tracked = None if self._left_out else self._settings.tracked
+            if tracked is not None:
+                rows = CaptureRows(tracked, self._layout, self._averaging.origin)
+                self._variables = replace(self._variables, tracked=rows)
             self.run = self._new_run([])
             if self._variables.previous_bias is not None:  # of the run that this one continues
                 self.run.offer(partial(self._layout.point, self._variables.to_state @ self._variables.prior()[0]))
+        elif self._variables.tracked is not None and (
+            self.run.contradicts_target or (self._moved >= FIRST and not self.run.converged)
+        ):
+            self._left_out = TARGET_CONTRADICTS
+            self._variables = replace(self._variables, tracked=None)
+            self.run = self._new_run(self._isolation.windows_since(-np.inf))
         elif (change := self._isolation.change) is not None:
             self.run = self._run_after(self.run, change)
         elif (wrong := self._isolation.wrong_twist) and not self._wrong_twist:
@@ -317,6 +337,8 @@ class TrajectoryEstimator:
         before, found = self._settings.before, []
         if self._wrong_twist:
             found.append(f'the twist is not used, because it contradicts the poses: {self._wrong_twist}')
+        if self._left_out:
+            found.append(self._left_out)
         if before is not None and self.run is not None and before.planar and not self.run.planar:
             found.append('the run before, which was planar, does not count: this motion is not')
         return tuple(found)
@@ -326,13 +348,14 @@ class TrajectoryEstimator:
         time = float(window.time[-1])
         stamp = origin + round(time * 1e9)
         now = Estimate(self.method, 'waiting', time, stamp, samples=self._samples, innovations=run.innovations)
-        if run.has_state and run.converged:
+        if run.has_state and run.converged and not run.relinearises:
             return self._solution(run, now, window)
         return self._no_solution(run, now, window, joints_moved=joints_moved)
 
     def _solution(self, run: Run, now: Estimate, window: Samples) -> Estimate:
         """Judge the solution of the best hypothesis, and report it with the history of its run."""
         layout, distribution = self._layout, run.distribution()
+        now = replace(now, target_misfit=run.misfit_of_target(distribution))
         prior_scales = run.prior_scales(distribution)
         verdict = self._with_causes(run, judge(self._evidence(run, prior_scales)))
         verdict = with_findings(verdict, distribution, layout)
@@ -544,7 +567,7 @@ class TwoStageEstimator:
 
     Parameters
     ----------
-    first : the weighted difference form
+    first : the weighted difference form; None where it has no part
     second : the trajectory filter
 
     Attributes
@@ -554,9 +577,9 @@ class TwoStageEstimator:
 
     needs_rates = False
 
-    def __init__(self, first: Estimator, second: TrajectoryEstimator) -> None:
+    def __init__(self, first: Estimator | None, second: TrajectoryEstimator) -> None:
         self.method, self.tasks = second.method, second.tasks
-        self._first: Estimator | None = first
+        self._first = first
         self._second = second
         self._windows = 0
         self._agreed = 0  # windows in a row

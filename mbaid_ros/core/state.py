@@ -134,6 +134,16 @@ class WeighedMass(Protocol):
         """Whether all of the target is weighed as well."""
 
 
+class TrackedTarget(Protocol):
+    """Knowledge of body and momentum from the target's motion before its capture."""
+
+    def at(self, point: Point, variables: Variables) -> Array:
+        """Return the (k, v + 1) rows of unit variance, values last, linearised at a point."""
+
+    def point(self, mass: float) -> Point:
+        """Return where a search begins, with a captured body of some mass, kg."""
+
+
 @dataclass(frozen=True, eq=False)
 class Declared:
     """The declaration of a robot and its run: the unknowns, and the priors of all that is none."""
@@ -386,10 +396,17 @@ class Variables:
     mass_row: Array | None = None  # (v + 1,) the row of the robot's mass, where it was weighed, of unit variance
     sensors: tuple[NamedSensor, ...] = ()  # of the base's motion beside encoders and odometry
 
+    tracked: TrackedTarget | None = None  # where the target was tracked before its capture
+
     @property
     def has_body_prior(self) -> bool:
         """Whether all of the body has a prior."""
         return bool(self.mean[BODY][4] > 0.0)
+
+    @property
+    def is_informed(self) -> bool:
+        """Whether the body is known beforehand, by a prior of all of it or by its motion before the capture."""
+        return self.has_body_prior or self.tracked is not None
 
     @property
     def poses(self) -> int:
@@ -532,10 +549,14 @@ class Variables:
         expected[BODY.start + 1 : BODY.stop] = 0.0
         return replace(self, mean=expected, previous_information=left, previous_bias=bias)
 
-    def prior(self, mass: float | None = None) -> tuple[Array, Array, float]:
+    def prior(self, mass: float | None = None, point: Point | None = None) -> tuple[Array, Array, float]:
         """Return the prior's mean (v,) and square-root information (v, v), near a mass in kg if given.
 
         Third, the log-likelihood of bodies near that mass among all.
+
+        Parameters
+        ----------
+        point : where the motion of a tracked target is linearised, which does not count without
         """
         mean, factor, likelihood = self.mean, self.factor, 0.0
         before = factor[BODY.start, BODY.start]
@@ -555,9 +576,12 @@ class Variables:
         information = np.eye(len(self.scale))
         information[:first, :first] = np.linalg.qr(np.linalg.inv(root).T, mode='r')
         information[first:, first:] = self.known
-        if self.mass_row is None:
+        more = [] if self.mass_row is None else [self.mass_row]
+        if self.tracked is not None and point is not None:
+            more.append(self.tracked.at(point, self))
+        if not more:
             return self.from_state @ mean, information, likelihood
-        both = np.vstack((np.column_stack((information, information @ (self.from_state @ mean))), self.mass_row))
+        both = np.vstack((np.column_stack((information, information @ (self.from_state @ mean))), *more))
         return *_solved(both), likelihood
 
 

@@ -86,6 +86,9 @@ class EstimatorNode(Node):
         self._stored_momentum = Subscriptions(
             self, Vector3Stamped, 'stored_momentum', partial(self._add, Session.add_stored_momentum)
         )
+        more = (PoseWithCovarianceStamped, Odometry)
+        add_pose = partial(self._add, Session.add_target_pose)
+        self._target_pose = Subscriptions(self, PoseStamped, 'target_pose', add_pose, more)
         description = None if self._state.session else DescriptionSubscription(self, self._on_description)
         self._diagnostics = Diagnostics(self._inputs, self._thrust, description.topic if description else '')
         self._diagnostics_publisher = quiet_publisher(self, DiagnosticArray, '/diagnostics', qos(10))
@@ -122,7 +125,8 @@ class EstimatorNode(Node):
         )
 
     def _all_subscriptions(self) -> set[Subscriptions]:
-        return {*self._inputs.values(), self._thrust, self._stored_momentum, *self._named.values()}
+        others = self._thrust, self._stored_momentum, self._target_pose
+        return {*self._inputs.values(), *others, *self._named.values()}
 
     # Robot description
 

@@ -182,7 +182,7 @@ def _noise_parser() -> ArgumentParser:
     add = parser.add_argument
     add('bag', metavar='BAG', help='rosbag2 folder (MCAP or sqlite3), or a bare .mcap or .db3 file')
     _add_location(parser)
-    parser.set_defaults(stored_momentum='', imu='', thrust='')
+    parser.set_defaults(stored_momentum='', imu='', thrust='', target_pose='')
     _add_slice(parser)
     return parser
 
@@ -244,6 +244,8 @@ def _add_topics(parser: ArgumentParser) -> None:
     stored = 'momentum of wheels or gyros, Vector3Stamped (default: /stored_momentum, if recorded)'
     add('--stored-momentum', default='', metavar='TOPIC', help=stored)
     add('--imu', default='', metavar='TOPIC', help='Imu, used with imu.noise_density (default: /imu, if recorded)')
+    poses = 'poses of the target before its capture, PoseStamped, PoseWithCovarianceStamped or Odometry (default: '
+    add('--target-pose', default='', metavar='TOPIC', help=f'{poses}/target_pose, if recorded)')
     add('--thrust', default='', metavar='TOPIC', help='commanded thrust, WrenchStamped (default: /thrust, if recorded)')
 
 

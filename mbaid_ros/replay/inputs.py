@@ -28,10 +28,12 @@ POSE_TYPES = (
 )
 IMU_TYPE = 'sensor_msgs/msg/Imu'
 THRUST_TYPE = 'geometry_msgs/msg/WrenchStamped'
+# Types that locate the target before its capture.
+TARGET_POSE_TYPES = ('geometry_msgs/msg/PoseStamped', 'geometry_msgs/msg/PoseWithCovarianceStamped', ODOMETRY_TYPE)
 STORED_MOMENTUM_TYPE = 'geometry_msgs/msg/Vector3Stamped'
 ODOMETRY, POSE, TF = '/odom', '/pose', '/tf'
 # Read where a bag has it, even if not asked for.
-THRUST, STORED_MOMENTUM, IMU = '/thrust', '/stored_momentum', '/imu'
+THRUST, STORED_MOMENTUM, IMU, TARGET_POSE = '/thrust', '/stored_momentum', '/imu', '/target_pose'
 
 
 def between(arguments: argparse.Namespace) -> tuple[float, float]:
@@ -56,6 +58,7 @@ class Inputs:
     thrust: str = ''
     stored_momentum: str = ''
     imu: str = ''
+    target_pose: str = ''
     named: Mapping[str, Input] = field(default_factory=dict)  # further sensors, read where a bag has their topics
     located: bool = True  # whether anything locates the base; else an IMU has to be there
     # start, end: s from a bag's first message, between which it is read
@@ -80,7 +83,7 @@ class Inputs:
         from mbaid_ros.session.catalogue import inputs  # noqa: PLC0415 - `--help` needs the defaults alone
 
         base = arguments.odom or arguments.pose or (TF if config.pose.tf_child_frame else '')
-        others = arguments.thrust, arguments.stored_momentum, arguments.imu
+        others = arguments.thrust, arguments.stored_momentum, arguments.imu, arguments.target_pose
         start, end = between(arguments)
         named = {name: each for name, each in inputs(config).items() if name != 'imu'}
         return Inputs(
@@ -119,6 +122,7 @@ class Inputs:
             (self.thrust, THRUST, (THRUST_TYPE,)),
             (self.stored_momentum, STORED_MOMENTUM, (STORED_MOMENTUM_TYPE,)),
             (self.imu, IMU, (IMU_TYPE,)),
+            (self.target_pose, TARGET_POSE, TARGET_POSE_TYPES),
             *(('', f'/{each.topic}', each.types) for each in self.named.values()),
         ):
             if wanted:
@@ -130,11 +134,13 @@ class Inputs:
     def add_to(self, session: Session, messages: Batch) -> None:
         """Hand messages of the topics to a session, many at once where their order allows it."""
         thrust, stored = self.thrust or THRUST, self.stored_momentum or STORED_MOMENTUM
+        target = self.target_pose or TARGET_POSE
         named = {'imu': self.imu or IMU, **{name: f'/{each.topic}' for name, each in self.named.items()}}
         add: dict[str, Callable[[Any], object]] = {
             self.joint_states: session.add_joint_state,
             self.odometry: session.add_odometry,
             stored: session.add_stored_momentum,
+            target: session.add_target_pose,
             **{topic: partial(session.add_named, name=name) for name, topic in named.items()},
         }
         for part in messages.runs(thrust):
@@ -148,6 +154,8 @@ class Inputs:
             ):
                 for message in part.on_topic(stored):
                     session.add_stored_momentum(message)
+                for message in part.on_topic(target):
+                    session.add_target_pose(message)
             else:
                 for topic, message, _ in part:
                     add[topic](message)

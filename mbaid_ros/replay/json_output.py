@@ -21,6 +21,7 @@ from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.results.estimate import PassiveJoint
 from mbaid_ros.core.results.noise_levels import CHANNELS, NoiseLevels
 from mbaid_ros.core.target import Debris
+from mbaid_ros.core.tracked_target import TargetAtCapture
 from mbaid_ros.files import as_utf8, require_writable, write_text
 from mbaid_ros.parameters import values_of
 from mbaid_ros.replay.results import Run
@@ -209,4 +210,23 @@ def _capture(capture: Capture) -> dict[str, Any]:
             'residual': plain(chaser.residual),
             'samples': chaser.samples,
         },
+        'tracked': None if capture.tracked is None else _tracked(capture.tracked, capture.misfit),
+    }
+
+
+def _tracked(target: TargetAtCapture, misfit: tuple[float, int]) -> dict[str, Any]:
+    """Return the motion of a target that was tracked before its capture, and how well the estimate agrees with it."""
+    flight, (velocity, velocity_std, spin, spin_std) = target.flight, target.motion()
+    return {
+        'poses': flight.used,
+        'dropped': flight.dropped,
+        'position_std': flight.noise.position,
+        'orientation_std': flight.noise.orientation,
+        'correlation_times': list(flight.noise.correlation_times),
+        'linear_velocity': plain(velocity),
+        'linear_velocity_std': plain(velocity_std),
+        'angular_velocity': plain(spin),
+        'angular_velocity_std': plain(spin_std),
+        'chi_square': misfit[0] if misfit[1] else None,
+        'numbers': misfit[1],
     }

@@ -94,6 +94,10 @@ def _capture_lines(capture: Capture) -> list[str]:
     for kind, part, unit in (('linear', slice(0, 3), 'N s'), ('angular', slice(3, 6), 'N m s')):
         values = ', '.join(with_band(*pair, digits=4) for pair in zip(capture.momentum[part], std[part], strict=True))
         rows.append(f'  {kind} momentum ({values}) {unit}')
+    if capture.tracked is not None:
+        used, (misfit, numbers) = capture.tracked.flight.used, capture.misfit
+        agreement = f'chi-square {misfit:.3g} of {numbers}' if numbers else 'left out'
+        rows.append(f'  its motion by {used} poses, compared with conservation across the capture: {agreement}')
     return rows
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -17,12 +18,13 @@ from mbaid_ros.core.pipeline import Estimator
 from mbaid_ros.core.results.identifiable import IDENTIFIABLE_STD, LARGEST_RESIDUAL, Reporting
 from mbaid_ros.core.robot.momentum import MomentumKernel, unknown_scale
 from mbaid_ros.core.target import KnownTarget
+from mbaid_ros.core.tracked_target import TargetAtCapture, TargetTrack
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.session.catalogue import conventions, hypotheses, suspects
 from mbaid_ros.session.robot import KnownRobot, nominal_model
 
 _RELINEARISED_WINDOWS = 120  # at most, before the linearisation of trajectory freezes: bounds the time of an update
-_DESCRIBED_WINDOWS = 600  # the same where the target has a prior: hours of a station, of which minutes lead nowhere
+_DESCRIBED_WINDOWS = 600  # the same where the target has a prior or was tracked: hours, of which minutes lead nowhere
 _ADAPT = True  # whether trajectory tries hypotheses of disturbances that walk
 _SOLVED_WINDOWS = 40  # that difference solves again at each update; older ones are marginalised
 
@@ -33,6 +35,7 @@ def make_estimator(
     known: KnownRobot | None = None,
     *,
     before: Continuation | None = None,
+    tracked: TargetAtCapture | None = None,
 ) -> Estimator:
     """Return the method that the parameters name.
 
@@ -43,6 +46,7 @@ def make_estimator(
     kernel : of the robot, with the errors of its known bodies
     known : nominal model with its uncertainty; None for the one that the parameters declare
     before : the run that this one continues
+    tracked : the target before its capture, where it was tracked
     """
     _check_imu(config)
     if not kernel.errors.count:
@@ -59,7 +63,9 @@ def make_estimator(
         return _difference(config, known, reporting)
     if config.method == 'trajectory':
         known = known or nominal_model(config, kernel)
-        second = _trajectory(config, known, reporting, before)
+        second = _trajectory(config, known, reporting, before, tracked)
+        if tracked is not None:  # the first stage knows nothing of it
+            return TwoStageEstimator(None, second)
         if config.disturbance.constant != 'none' or not config.by_odometry or _has_varying_wrench(config):
             return second  # the first stage takes the momentum for constant, and needs poses
         if config.flexible.joints or config.odometry.turning_std > 0.0 or not kernel.model.joints:
@@ -83,12 +89,16 @@ def make_reporting(config: EstimatorConfig, kernel: MomentumKernel) -> Reporting
 
 
 def _trajectory(
-    config: EstimatorConfig, known: KnownRobot, reporting: Reporting, before: Continuation | None
+    config: EstimatorConfig,
+    known: KnownRobot,
+    reporting: Reporting,
+    before: Continuation | None,
+    tracked: TargetAtCapture | None,
 ) -> TrajectoryEstimator:
     settings = TrajectorySettings(
         noise=config.noise.declared,
         window=config.window,
-        kept=_DESCRIBED_WINDOWS if isinstance(known.declared.target, KnownTarget) else _RELINEARISED_WINDOWS,
+        kept=_DESCRIBED_WINDOWS if tracked or isinstance(known.declared.target, KnownTarget) else _RELINEARISED_WINDOWS,
         declared=known.declared,
         hypotheses=hypotheses(
             float(np.sum(known.kernel.known[:, 0])),
@@ -101,6 +111,7 @@ def _trajectory(
         located=config.located,
         orientation_measured=config.oriented,
         before=before,
+        tracked=tracked,
     )
     return TrajectoryEstimator(known.kernel, settings, reporting)
 
@@ -197,15 +208,25 @@ def _has_capture(config: EstimatorConfig) -> bool:
     return config.capture.phase != 'post_capture' or config.capture.time > 0.0
 
 
+def _tracked(make: Callable[..., Estimator], target: TargetAtCapture) -> Estimator:
+    return make(tracked=target)
+
+
+def _uses_track(config: EstimatorConfig) -> bool:
+    """Return whether the poses of a target before its capture count: the line that it flies along is no orbit's."""
+    return config.method == 'trajectory' and config.orbit.mean_motion == 0.0
+
+
 def make_capture(
-    config: EstimatorConfig, kernel: MomentumKernel, make: Callable[[], Estimator]
+    config: EstimatorConfig, kernel: MomentumKernel, make: Callable[..., Estimator], track: TargetTrack
 ) -> CaptureEstimator | None:
     """Return the estimator of a run that begins before the capture, None of any other run.
 
     Parameters
     ----------
     kernel : of the robot
-    make : makes the method after the capture
+    make : makes the method after the capture, of a target that was tracked if given `tracked`
+    track : of the target before the capture
     """
     if not _has_capture(config):
         return None
@@ -215,6 +236,9 @@ def make_capture(
         config.noise.declared,
         LARGEST_RESIDUAL,
         detect=config.capture.detect,
+        settling=config.capture.settling,
+        track=track,
+        make_tracked=partial(_tracked, make) if _uses_track(config) else None,
     )
     capture.time = config.capture.time or None
     return capture

@@ -30,6 +30,7 @@ from mbaid_ros.core.repair import Conversion, Repair
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import BaseStream, Input, JointStream, Packets, Source, number_of, stamp_of, stamps_of
 from mbaid_ros.core.streams import OTHER_CLOCK, Gate, Reorder
+from mbaid_ros.core.tracked_target import TargetTrack
 from mbaid_ros.core.wheels import StoredMomentum, vector_of
 from mbaid_ros.errors import DataError, ParameterError
 from mbaid_ros.estimate_messages import Frames
@@ -383,7 +384,8 @@ class Segment:
         self.intake = Intake(config, robot, named, conversions, origin)
         make = make or partial(make_estimator, before=before)
         method = partial(make, config, described, robot.known)
-        self._capture = make_capture(config, described, method)
+        self.track = TargetTrack(config.target, config.frame_prefix)
+        self._capture = make_capture(config, described, method, self.track)
         robot.begin(self._capture)
         self.thrust = Thrust(model, uncertain_thrusters(config.thrust, model))
         noise = config.noise
@@ -413,12 +415,12 @@ class Segment:
     @property
     def dropped(self) -> Counter[str]:
         """Unused messages, by cause."""
-        return self.intake.dropped + self.identifier.dropped + self.thrust.dropped
+        return self.intake.dropped + self.identifier.dropped + self.thrust.dropped + self.track.dropped
 
     def process(self, messages: Mapping[str, Sequence[Any]], *, last: bool = False) -> list[Estimate]:
         """Return the estimates of messages, by topic; raise one of UNSOLVABLE if the equations have no solution."""
         streams = self.intake.streams(messages)
-        self.thrust.odometry_frame = self.intake.odometry_reader.frame
+        self.thrust.odometry_frame = self.track.odometry_frame = self.intake.odometry_reader.frame
         found = self.identifier.push(*streams)
         estimates = map(self.intake.faults.applied, [*found, *(self.identifier.finish() if last else ())])
         return [self._with_doubts(each) if each.contradicted else each for each in estimates]
@@ -602,6 +604,10 @@ class Session:
     def add_stored_momentum(self, message: Any) -> None:
         """Add a Vector3Stamped of the momentum that wheels or gyros store."""
         self._give(partial(_add_stored_momentum, sample=vector_of(message)))
+
+    def add_target_pose(self, message: Any) -> None:
+        """Add a PoseStamped, PoseWithCovarianceStamped or Odometry of a frame on the target before its capture."""
+        self._give(partial(_add_target_pose, message=message))
 
     def process(self, *, at_once: bool = True) -> list[Estimate]:
         """Process the added messages and return the new estimates; how calls are spread makes no difference to them.
@@ -800,6 +806,11 @@ def _add_thrust(segment: Segment, frame: str, stamp: int, wrench: Array, newest:
 
 def _add_stored_momentum(segment: Segment, sample: tuple[str, int, Array]) -> list[Estimate]:
     segment.intake.stored_momentum.add_sample(*sample)
+    return []
+
+
+def _add_target_pose(segment: Segment, message: Any) -> list[Estimate]:
+    segment.track.add(message)
     return []
 
 

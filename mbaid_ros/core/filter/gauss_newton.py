@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -37,7 +38,7 @@ from mbaid_ros.tasks import Work
 
 MASS = BODY.start - LINEAR.start  # its index among the parameters
 _ITERATIONS = 12  # at most: an iteration that has not converged by then seldom does
-_MOST_ITERATIONS = 24  # the same where the target has a prior, from which the steps may be halved
+_MOST_ITERATIONS = 24  # the same where the target has a prior or was tracked, from which the steps may be halved
 # Mean normalised innovation squared above which an iteration stops after so many steps without improvement.
 HOPELESS, _IDLE = 10.0, 3
 _CONVERGED = 0.1  # standard deviations: smaller steps change nothing that is published
@@ -69,6 +70,9 @@ def reverses(step: Array, before: Array, deviation: Array) -> bool:
     """Return whether a step reverses the one before, which was too long."""
     scaled, last = (each / np.where(deviation > 0.0, deviation, np.inf) for each in (step, before))
     return bool(scaled @ last < _BACK * np.linalg.norm(scaled) * np.linalg.norm(last))
+
+
+PriorAt = Callable[[Point], HypothesisFilter]  # before the first window, at the point where that is linearised
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,17 +121,34 @@ class BatchIteration:
     variables: Variables  # of the filter
     linearised: LinearisationCache  # linearises windows
 
-    def prior(self, hypothesis: Hypothesis, longest: int = LONGEST, mass: float | None = None) -> HypothesisFilter:
+    def prior(
+        self,
+        hypothesis: Hypothesis,
+        longest: int = LONGEST,
+        mass: float | None = None,
+        point: Point | None = None,
+    ) -> HypothesisFilter:
         """Return a hypothesis before the first window: of any mass or near one, with jumps of so many windows.
 
-        Of none where the target has a prior: what a first guess explains badly would pass for jumps.
+        Of none where the target is known beforehand: what a first guess explains badly would pass for jumps. The
+        motion of a tracked target counts at a point only.
         """
-        return self.priors((hypothesis,), longest, mass)[0]
+        return self.priors((hypothesis,), longest, mass, point)[0]
 
-    def priors(self, hypotheses: Sequence[Hypothesis], longest: int, mass: float | None = None) -> Bank:
+    def prior_at(self, hypothesis: Hypothesis, longest: int = LONGEST, mass: float | None = None) -> PriorAt:
+        """Return the same as a function of the point at which windows are linearised."""
+        return partial(self.prior, hypothesis, longest, mass)
+
+    def priors(
+        self,
+        hypotheses: Sequence[Hypothesis],
+        longest: int,
+        mass: float | None = None,
+        point: Point | None = None,
+    ) -> Bank:
         """Return hypotheses before the first window, which share a root."""
-        longest = 0 if self.variables.has_body_prior else longest
-        gaussians = SquareRootInformation.priors(self.variables, [each.force for each in hypotheses], mass)
+        longest = 0 if self.variables.is_informed else longest
+        gaussians = SquareRootInformation.priors(self.variables, [each.force for each in hypotheses], mass, point)
         pairs = zip(hypotheses, gaussians, strict=True)
         return tuple(HypothesisFilter(hypothesis, gaussian, longest_jump=longest) for hypothesis, gaussian in pairs)
 
@@ -149,7 +170,7 @@ class BatchIteration:
         return bank
 
     def converge(
-        self, stacks: list[list[Stack]], point: Point, prior: HypothesisFilter, *, mass_held: bool = False
+        self, stacks: list[list[Stack]], point: Point, prior: PriorAt, *, mass_held: bool = False
     ) -> Work[BatchResult | None]:
         """Iterate from a point until the solution moves no more, at most a dozen times; None where nothing is solved.
 
@@ -157,22 +178,23 @@ class BatchIteration:
         ----------
         stacks : of the windows
         point : to begin at
-        prior : a hypothesis before the first window
+        prior : makes a hypothesis before the first window
         mass_held : whether that prior holds the mass
         """
         result: BatchResult | None = None
         least, idle, pace = np.inf, 0, 1.0
         before: Array = np.zeros(0)
-        for _ in range(_MOST_ITERATIONS if self.variables.has_body_prior else _ITERATIONS):
+        damped = self.variables.is_informed
+        for _ in range(_MOST_ITERATIONS if damped else _ITERATIONS):
             try:
                 windows = yield from self.relinearise(stacks, point)
-                (filtered,) = yield from self.filter(windows, (prior,))
+                (filtered,) = yield from self.filter(windows, (prior(point),))
                 result = self._step(point, windows, filtered, mass_held=mass_held)
             except np.linalg.LinAlgError:
                 # The step has led to a robot that cannot exist.
                 return None if result is None else replace(result, point=result.linearised_at, converged=False)
             point = result.point
-            if self.variables.has_body_prior and not result.converged:
+            if damped and not result.converged:
                 step = point.parameters - result.linearised_at.parameters
                 back = before.size > 0 and reverses(step, before, result.deviation)
                 pace, before = 0.5 * pace if back else min(1.0, 1.5 * pace), step
@@ -264,7 +286,8 @@ class BatchIteration:
         try:
             point = self.layout.point(distribution.mean + step, distribution.deviation)
             windows = yield from self.relinearise(stacks, point)
-            (moved,) = yield from self.filter(windows, (self.prior(filtered.hypothesis, filtered.longest_jump),))
+            prior = self.prior(filtered.hypothesis, filtered.longest_jump, point=point)
+            (moved,) = yield from self.filter(windows, (prior,))
             there = MeanAndCovariance.from_gaussian(moved.gaussian, self.variables)
         except np.linalg.LinAlgError:
             # No robot that can exist: it may be anywhere in its interval, and nothing is known there.
@@ -307,7 +330,7 @@ class MultiStart:
             point = make()
             if point is None or point.parameters[MASS] <= 0.0:
                 continue
-            result = yield from self.batch.converge(stacks, point, self.batch.prior(self.hypotheses[0]))
+            result = yield from self.batch.converge(stacks, point, self.batch.prior_at(self.hypotheses[0]))
             if result is None:
                 continue
             results.append(result)
@@ -339,13 +362,13 @@ class MultiStart:
         """
         if self.batch.variables.has_body_prior:
             guess = self.batch.layout.point(self._beginning(self.batch.variables.mean[BODY], stacks[0][0].windows))
-            result = yield from self.batch.converge(stacks, guess, self.batch.prior(self.hypotheses[0]))
+            result = yield from self.batch.converge(stacks, guess, self.batch.prior_at(self.hypotheses[0]))
             return [] if result is None else [result]
         batch, *stages = from_loose_swing(self.batch)
         results = yield from self._from_masses(stacks, batch)
         for stage in stages if results else []:
             point = max(results, key=lambda each: each.merit).point
-            result = yield from stage.converge(stacks, point, self.batch.prior(self.hypotheses[0], NO_JUMPS))
+            result = yield from stage.converge(stacks, point, self.batch.prior_at(self.hypotheses[0], NO_JUMPS))
             if result is None:
                 return []
             results = [result]
@@ -355,9 +378,9 @@ class MultiStart:
         """Return these, by an iteration; with passive joints one guess is enough where its solution is sure."""
         held: list[BatchResult] = []
         free: list[BatchResult] = []
-        of_any_mass = self.batch.prior(self.hypotheses[0], LONGEST_AT_A_GUESS)
+        of_any_mass = self.batch.prior_at(self.hypotheses[0], LONGEST_AT_A_GUESS)
         for guess in self._guesses([window for stack in stacks[0] for window in stack.windows], batch.layout):
-            prior = self.batch.prior(self.hypotheses[0], LONGEST_AT_A_GUESS, float(guess.parameters[MASS]))
+            prior = self.batch.prior_at(self.hypotheses[0], LONGEST_AT_A_GUESS, float(guess.parameters[MASS]))
             result = yield from batch.converge(stacks, guess, prior, mass_held=True)
             held += [] if result is None else [result]
             if result is None or not (batch.layout.kernel.springs.count and result.consistent):
@@ -384,19 +407,21 @@ class MultiStart:
         longest = result.filtered.longest_jump
         bank: Bank = (result.filtered,)
         if others:
-            followed = yield from self.batch.filter(result.windows, self.batch.priors(others, longest))
+            priors = self.batch.priors(others, longest, point=result.linearised_at)
+            followed = yield from self.batch.filter(result.windows, priors)
             bank = (result.filtered, *followed)
             bank = bank if result.mass_held else joined(bank)
         leading = leader(bank).hypothesis
         if leading is first:
             return result, bank, False
-        other = yield from self.batch.converge(stacks, result.point, self.batch.prior(leading, longest))
+        other = yield from self.batch.converge(stacks, result.point, self.batch.prior_at(leading, longest))
         if other is None:
             return result, cap_likelihood(bank), False
         needed = not result.consistent or self._is_hardly_shifted(other)
         if not (needed and other.acceptable and other.consistent and far_likelier(other.filtered, result.filtered)):
             return result, cap_likelihood(bank), False
-        bank = yield from self.batch.filter(other.windows, self.batch.priors(self.hypotheses, longest))
+        priors = self.batch.priors(self.hypotheses, longest, point=other.linearised_at)
+        bank = yield from self.batch.filter(other.windows, priors)
         return other, bank, True
 
     def _is_hardly_shifted(self, result: BatchResult) -> bool:
@@ -413,6 +438,8 @@ class MultiStart:
         declared = float(self.batch.variables.mean[BODY.start])
         known = float(np.sum(kernel.known[:, 0])) or float(self.batch.variables.typical_momentum[0])
         parts = [part * known for part in _GUESSED_MASSES]
+        if self.batch.variables.tracked is not None:
+            return [self.batch.variables.tracked.point(mass) for mass in parts]
         lengths = np.linalg.norm(kernel.model.positions, axis=1)
         length = float(np.sum(lengths)) * min(1.0, _LINKS / max(len(lengths), 1))
         guesses: list[Point] = []

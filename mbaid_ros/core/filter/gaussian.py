@@ -14,7 +14,7 @@ from mbaid_ros.core.filter.linearise import WhitenedWindow
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.odometry.model import BorderNoise
 from mbaid_ros.core.results.verdict import Innovations
-from mbaid_ros.core.state import OPEN_LENGTH, Variables
+from mbaid_ros.core.state import OPEN_LENGTH, Point, Variables
 
 _BLOCK = 12  # columns that LAPACK reflects together: as many as a window has rows
 
@@ -166,9 +166,11 @@ class SquareRootInformation:
         ]
 
     @staticmethod
-    def priors(variables: Variables, forces: Sequence[Axes], mass: float | None = None) -> list[SquareRootInformation]:
-        """Return the prior for a force in each of some axes, near a mass in kg if given."""
-        mean, triangle, likelihood = variables.prior(mass)
+    def priors(
+        variables: Variables, forces: Sequence[Axes], mass: float | None = None, point: Point | None = None
+    ) -> list[SquareRootInformation]:
+        """Return the prior for a force in each of some axes, near a mass in kg and as of `Variables.prior` if given."""
+        mean, triangle, likelihood = variables.prior(mass, point)
         return SquareRootInformation.from_root(triangle, triangle @ mean, forces, variables, likelihood)
 
     @staticmethod

@@ -14,7 +14,7 @@ from mbaid_ros.core.filter.gaussian import SquareRootInformation
 from mbaid_ros.core.filter.hypotheses import Bank, HypothesisFilter, leader, update_bank
 from mbaid_ros.core.filter.linearise import LinearisationCache
 from mbaid_ros.core.filter.posterior import MeanAndCovariance, VarianceComponents
-from mbaid_ros.core.geometry import Array, Flags
+from mbaid_ros.core.geometry import Array, Flags, chi_square_limit
 from mbaid_ros.core.passive.model import resolved_frequencies
 from mbaid_ros.core.results.identifiable import Nonlinearity
 from mbaid_ros.core.results.verdict import LARGEST_NIS
@@ -33,6 +33,9 @@ _CONFIRMING = 8  # windows that show whether a jump was an impulse: if the targe
 # has a prior, at which it is linear until the data move it, five times.
 _GROWTH, _GROWTH_DESCRIBED = 1.5, 1.25
 FIRST = 10  # windows before the first search: 5 s of motion, from which a batch start converges
+# The same of a target that was tracked before its capture, and windows up to which each is searched again: the arm may
+# begin to move in any, and show an inertia far from the one that all before are linearised at.
+_FIRST_TRACKED, _FEW_TRACKED = 1, 12
 _AT_REST = 4  # windows before the first motion that are kept: noise alone is in their rows
 # Windows after which a search that has not converged is repeated, and the least part of all that is: so the work of a
 # window stays about the same.
@@ -46,6 +49,7 @@ _KNOWN = 0.1
 # Steps of the filter that each task may take between two windows: while there is an estimate, and before. Without limit
 # where the target has a prior: windows are rare then, and each may leave the linear range.
 _SHARE, _FIRST_SHARE = 300, 1200
+_RARE = 1e-6  # chance that the motion of a tracked target contradicts a right model
 _KINDS = Kind.NONLINEARITY, Kind.NEWTON_STEP, Kind.SEARCH
 
 
@@ -149,11 +153,13 @@ class Run:
         self._frozen_resolved: Flags = np.ones(layout.kernel.springs.count, dtype=bool)
         self._windows: list[Window] = []  # to be relinearised, in order
         self._offered: Callable[[], Point] | None = None  # a start that another method has found
-        self._due = FIRST  # number of windows at which the next search begins
+        self._first = FIRST if variables.tracked is None else _FIRST_TRACKED
+        self._due = self._first  # number of windows at which the next search begins
         self._searched = 0  # windows in the latest search
         self._linearised_until = -np.inf  # s, start of the last of these
         self._accepted = self._confirmed = False  # whether the latest search has been, and then by the search after it
         self._consistent = True  # whether the latest search explains its windows
+        self.contradicts_target = False  # whether the latest search contradicts the motion of a tracked target
         self._nonlinearity: Nonlinearity | None = None  # about the solution of a search
         self._newton_step: Nonlinearity | None = None  # of the solution from where its windows are linearised
         self._covariance: Array | None = None  # of the body when all windows were linearised last; None: not all are
@@ -172,6 +178,11 @@ class Run:
     def searching(self) -> bool:
         """Whether a search is under way."""
         return self._tasks.is_under_way(Kind.SEARCH)
+
+    @property
+    def relinearises(self) -> bool:
+        """Whether a tracked target's inertia has turned out far from where the windows are linearised, as yet."""
+        return self._variables.tracked is not None and self.phase is Phase.INITIALISING and self.inconsistent
 
     @property
     def best(self) -> HypothesisFilter:
@@ -262,6 +273,18 @@ class Run:
         jumps = self._bank[0].jumps if self._bank else ()
         return next((jump.gaussian for jump in jumps if abs(jump.time - time) <= slack), None)
 
+    def misfit_of_target(self, distribution: MeanAndCovariance) -> tuple[float, int]:
+        """Return how far the estimate is from the motion of the tracked target: chi-square, and its numbers."""
+        tracked = self._variables.tracked
+        if tracked is None:
+            return 0.0, 0
+        try:
+            rows = tracked.at(self._layout.point(distribution.mean), self._variables)
+        except np.linalg.LinAlgError:  # no body can be there: there is no solution yet
+            return 0.0, 0
+        misfit = rows[:, :-1] @ (self._variables.from_state @ distribution.mean) - rows[:, -1]
+        return float(misfit @ misfit), len(rows)
+
     def expect(self, windows: Sequence[Window]) -> None:
         """Set the coming windows, in order."""
         self._linearised.expect(windows)
@@ -277,7 +300,7 @@ class Run:
         self._tasks.cancel(*_KINDS)
         self._nonlinearity = self._newton_step = None
         self._accepted = False
-        self._due = min(self._due, len(self._windows)) if self._windows else FIRST
+        self._due = min(self._due, len(self._windows)) if self._windows else self._first
 
     def add(self, ready: Window | None, still_open: Window | None, *, joints_moved: bool) -> None:
         """Filter the next window, and for the latest estimate the one after it; finish the work that is due before.
@@ -291,7 +314,7 @@ class Run:
         if ready is not None and self.phase is not Phase.TRACKING:
             self._store(ready, joints_moved=joints_moved)
         steps = _SHARE if self.converged and not self._is_displaced else _FIRST_SHARE
-        self._tasks.allot_steps(AT_ONCE if self._variables.has_body_prior else steps, *_KINDS)
+        self._tasks.allot_steps(AT_ONCE if self._variables.is_informed else steps, *_KINDS)
         if self.phase is Phase.COLLECTING:
             return
         assert self._point is not None, 'there is a start'
@@ -318,7 +341,7 @@ class Run:
         self._windows.append(window)
         if self.searching:
             return
-        lost = self.converged and self.inconsistent and self._consistent and self._variables.has_body_prior
+        lost = self.converged and self.inconsistent and self._consistent and self._variables.is_informed
         if not joints_moved:
             self._windows = self._windows[-_AT_REST:]
         elif len(self._windows) >= self._due or lost:
@@ -346,6 +369,10 @@ class Run:
         self.phase, self._bank = Phase.INITIALISING, start.bank
         self._point = LinearisationPoint(start.point, start.point.state)
         self._consistent = filtered.gaussian.nis < LARGEST_NIS * filtered.gaussian.measured
+        distribution = MeanAndCovariance.from_gaussian(filtered.gaussian, self._variables)
+        misfit, numbers = self.misfit_of_target(distribution)
+        agrees = self._consistent and misfit < chi_square_limit(_RARE, max(numbers, 1))
+        self.contradicts_target = numbers > 0 and start.accepted and not agrees
         self._accepted, self._confirmed = start.accepted, start.accepted and not anew
         self._linearised_until = self._windows[self._searched - 1].start
         self._due = self._next_search(self._searched, filtered.gaussian)
@@ -421,7 +448,9 @@ class Run:
 
     def _next_search(self, windows: int, gaussian: SquareRootInformation) -> int:
         """Return at how many windows to search again: soon where that may yet be accepted."""
-        if self._variables.has_body_prior:
+        if self._variables.tracked is not None and windows < _FEW_TRACKED:
+            return windows + 1
+        if self._variables.is_informed:
             return int(np.ceil(_GROWTH_DESCRIBED * windows))
         soon = not (self._accepted or gaussian.nis > HOPELESS * gaussian.measured)
         return int(np.ceil(windows + max(_RETRY, _RETRY_PART * windows) if soon else _GROWTH * windows))

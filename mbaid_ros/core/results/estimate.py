@@ -117,6 +117,8 @@ class Estimate:
     # (k, 2) sum of the normalised innovations squared so far, and their number, under each hypothesis of the trajectory
     # filter that has a mechanism; empty where there is none
     innovations: Array = field(default_factory=lambda: np.zeros((0, 2)))
+    # chi-square of the tracked target's motion before its capture, and its numbers; 0 and 0 where it does not count
+    target_misfit: tuple[float, int] = (0.0, 0)
     samples: int = 0  # number of samples used
     phase: CapturePhase = 'post_capture'
     stage: str = ''  # method of the stage that it is from, where the method has several

@@ -1,0 +1,147 @@
+"""A free body by its tracked poses, against the flight of another integrator."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from checked import central_difference
+from mbaid_ros.core.free_flight import (
+    LEVER,
+    FreeFlight,
+    PoseNoise,
+    Track,
+    _linearised,
+    free_flight,
+    inertia_of,
+    tumbled,
+)
+from mbaid_ros.core.geometry import Array, exp, log, unvec
+from mbaid_ros.simulation.changes import Target
+from mbaid_ros.simulation.tumbling import FreeMotion
+
+BODY = np.array([155.0, 0.34, -0.22, 0.78, 24.0, -2.5, 2.0, 33.0, -0.5, 29.0])
+PLACE = np.array([0.1, 0.0, 0.2])
+VELOCITY, AXIS = np.array([0.004, -0.006, 0.003]), np.array([0.6, -0.7, 0.4]) / np.sqrt(1.01)
+RARE = 1e-3
+
+
+def flown(degrees: float, seed: int = 0, seconds: float = 60.0) -> tuple[FreeMotion, Track]:
+    """Return the flight of a body that spins, and exact poses of it at 5 Hz until half a second before the capture."""
+    turn, place = exp(np.random.default_rng(seed).standard_normal(3)), np.array([1.0, -0.5, 2.0])
+    target = Target(seconds, 'link7', BODY, VELOCITY, np.deg2rad(degrees) * AXIS)
+    motion, time = FreeMotion(target, turn, place), np.arange(0.0, seconds - 0.5, 0.2)
+    position, rotation = motion.poses(time, PLACE)
+    return motion, Track(time - seconds, position, rotation)
+
+
+def noisy(track: Track, seed: int, size: float = 5e-3) -> Track:
+    rng = np.random.default_rng(seed)
+    away, turn = size * rng.standard_normal((2, *track.position.shape))
+    return Track(track.time, track.position + away, exp(turn) @ track.rotation)
+
+
+def test_the_orientations_are_those_of_another_integrator() -> None:
+    _, track = flown(90.0)
+    shape = shape_of(BODY)
+    spin = track_spin(track)
+    turned = tumbled(track.time - track.time[-1], spin[None], shape[None])[0]
+    away = log(np.swapaxes(track.rotation, 1, 2) @ (track.rotation[-1] @ turned))
+    assert np.max(np.abs(away)) < 1e-3  # after 15 turns
+
+
+def track_spin(track: Track) -> Array:
+    """Return the spin of the last of exact poses, body axes, by a finer flight about it."""
+    step = 1e-4
+    target = Target(60.0, 'link7', BODY, VELOCITY, np.deg2rad(90.0) * AXIS)
+    turn = exp(np.random.default_rng(0).standard_normal(3))
+    motion = FreeMotion(target, turn, np.array([1.0, -0.5, 2.0]))
+    end = 60.0 + track.time[-1]
+    _, rotation = motion.poses(np.array([end - step, end + step]), PLACE)
+    return np.asarray(log(rotation[0].T @ rotation[1])) / (2.0 * step)
+
+
+def shape_of(body: Array) -> Array:
+    """Return the shape whose ratios of moments are a body's, by Newton's method."""
+    wanted = unvec(body[4:])
+    wanted = 3.0 * wanted / np.trace(wanted)
+    shape = np.zeros(5)
+    for _ in range(20):
+        steps = 1e-6 * np.eye(5)
+        slope = np.array([(inertia_of(shape + each) - inertia_of(shape - each)).ravel() / 2e-6 for each in steps]).T
+        shape = shape + np.linalg.lstsq(slope, (wanted - inertia_of(shape)).ravel())[0]
+    assert inertia_of(shape) == pytest.approx(wanted, abs=1e-9)
+    return shape
+
+
+def test_every_shape_is_that_of_a_body() -> None:
+    moments = np.linalg.eigvalsh(inertia_of(3.0 * np.random.default_rng(1).standard_normal((200, 5))))
+    assert moments.sum(axis=1) == pytest.approx(np.full(200, 3.0))
+    assert np.all(moments[:, 0] + moments[:, 1] > moments[:, 2] - 1e-9)
+
+
+def test_derivatives() -> None:
+    _, track = flown(20.0, seconds=20.0)
+    few = track[::25]
+    flight = free_flight(track, PoseNoise(1e-3, 1e-3))
+
+    def residual(step: Array) -> Array:
+        return _linearised(flight.moved(step), few)[0].ravel()
+
+    columns = _linearised(flight, few)[1].reshape(-1, 20)
+    expected = central_difference(residual, np.zeros(20), 1e-5)
+    assert np.all(np.abs(expected).max(axis=0) > 0.0)
+    assert -columns == pytest.approx(expected, rel=1e-3, abs=1e-4)  # of first order in small angles
+
+
+@pytest.mark.parametrize('degrees', [0.5, 3.0, 20.0])
+def test_the_motion_at_the_capture_is_within_its_covariance(degrees: float) -> None:
+    _, exact = flown(degrees)
+    flight = free_flight(noisy(exact, 3), PoseNoise(0.0, 0.0))
+    assert flight.noise.position == pytest.approx(5e-3, rel=0.1)
+    assert flight.noise.orientation == pytest.approx(5e-3, rel=0.1)
+    assert flight.noise.correlation_times == (0.0, 0.0)
+    turn = exp(np.random.default_rng(0).standard_normal(3))
+    spin = np.deg2rad(degrees) * AXIS
+    # Of the tracked frame's origin, which slow spins determine as well; its velocity has no part in the lever then.
+    place = np.array([1.0, -0.5, 2.0]) + turn @ PLACE
+    centre = np.array([1.0, -0.5, 2.0]) + turn @ BODY[1:4]
+    true = np.concatenate((VELOCITY + np.cross(spin, place - centre), spin))
+
+    def motion(step: Array) -> Array:
+        moved = flight.moved(step)
+        there = moved.rotation @ moved.spin
+        return np.concatenate((moved.velocity + np.cross(there, place - moved.centre), there))
+
+    slope = np.array([(motion(each) - motion(-each)) / 2e-6 for each in 1e-6 * np.eye(20)]).T
+    error, covariance = motion(np.zeros(20)) - true, slope @ flight.covariance @ slope.T
+    assert float(error @ np.linalg.solve(covariance, error)) < chi2.isf(RARE, 6)
+    lever = np.sqrt(np.diag(flight.covariance))[LEVER]
+    assert np.all(np.abs(flight.lever - (PLACE - BODY[1:4])) < 4.0 * lever)
+
+
+def test_a_pose_that_jumps_is_left_out() -> None:
+    _, exact = flown(3.0, seconds=30.0)
+    track = noisy(exact, 5)
+    track.position[40] += 0.5
+    track.rotation[70] = exp(np.array([0.3, 0.0, 0.0])) @ track.rotation[70]
+    flight = free_flight(track, PoseNoise(5e-3, 5e-3))
+    assert flight.dropped == 2
+    assert flight.misfit == pytest.approx(1.0, abs=0.2)
+
+
+def test_errors_that_last_widen_the_covariance() -> None:
+    _, exact = flown(3.0, seconds=30.0)
+    rng, count = np.random.default_rng(8), len(exact.time)
+    error = rng.standard_normal((2, count, 3))
+    for place in range(1, count):
+        error[:, place] = 0.8 * error[:, place - 1] + 0.6 * error[:, place]
+    track = Track(exact.time, exact.position + 5e-3 * error[0], exp(5e-3 * error[1]) @ exact.rotation)
+    white, shared = free_flight(track, PoseNoise(5e-3, 5e-3, (1e-9, 1e-9))), free_flight(track, PoseNoise(0.0, 0.0))
+    assert shared.noise.correlation_times[0] == pytest.approx(-0.2 / np.log(0.8), rel=0.5)
+
+    def size(flight: FreeFlight) -> Array:
+        return np.sqrt(np.diag(flight.covariance)[6:12])
+
+    assert np.all(size(shared) > 1.5 * size(white))
