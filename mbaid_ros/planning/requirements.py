@@ -87,7 +87,7 @@ def joint_limits(
     kept = np.zeros(len(names), dtype=bool) if held is None else held
     lower, upper, fastest = independent_limits(model)
     speed = np.minimum(fastest, velocity)
-    moved = (speed > 0.0) & (upper > lower) & np.array([name not in stuck for name in names]) & ~kept
+    moved = (speed > 0.0) & (upper > lower) & np.array([name not in stuck for name in names], dtype=bool) & ~kept
     if not moved.any():
         raise ParameterError(
             "no joint can be moved; accepted: one at least that is in neither 'plan.stuck' nor 'plan.held', with a "

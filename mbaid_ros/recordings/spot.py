@@ -18,7 +18,8 @@ JOINTS = ('shoulder', 'elbow', 'wrist')
 BASE = 'base_link'
 
 COMMANDS_FILE = '100NodeSolution_FreeFloating_DIDO.mat'
-_COLUMNS_2021 = 65
+_COLUMNS_2021 = (65, 71)  # in March and in May
+_PERIOD = 0.1  # s, of the rows in March
 _POSITION_2021, _HEADING_2021 = slice(4, 6), 6
 # s: the thrusters stop at 40, the arm moves from 42 to 72 and lags behind; at 72 the thrusters start again.
 _ARM, _SPAN_2021 = 42.0, (40.2, 72.0)
@@ -30,17 +31,20 @@ def read_spot_2021(path: Path, commands: Path | None = None) -> Recording:
     Raises DataError: A file has another format.
     """
     table = np.asarray(read_matlab(path, ('rt_dataPacket',))['rt_dataPacket'])
-    if table.ndim != 2 or table.shape[1] != _COLUMNS_2021 or not np.issubdtype(table.dtype, np.floating):
+    if table.ndim != 2 or table.shape[1] not in _COLUMNS_2021 or not np.issubdtype(table.dtype, np.floating):
         raise DataError(
-            f"'{path}' has rt_dataPacket of shape {table.shape}; accepted: rows of {_COLUMNS_2021} numbers, as in 2021"
+            f"'{path}' has rt_dataPacket of shape {table.shape}; accepted: rows of 65 or 71 numbers, as in 2021"
         )
     table = table[np.all(np.isfinite(table[:, : _HEADING_2021 + 1]), axis=1)]
+    table = table[np.diff(table[:, 0], prepend=-np.inf) > 0.0]
     time = table[:, 0]
     primal = read_matlab(commands or _beside(path), ('primal',))['primal']
     nothing = np.full((len(table), 6), np.nan)
     position = np.column_stack((table[:, _POSITION_2021], np.zeros(len(table))))
     poses = Poses(time, position, turned_about_z(table[:, _HEADING_2021]), nothing)
-    joints = Joints(JOINTS, time, _commanded(primal, time - _ARM, path))
+    # Of commands, which are known at any time, a log of few poses has few.
+    often = time if np.median(np.diff(time)) < 2.0 * _PERIOD else np.arange(time[0], time[-1], _PERIOD)
+    joints = Joints(JOINTS, often, _commanded(primal, often - _ARM, path))
     return Recording(
         joints,
         poses,

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from checked import answer
+from documents import ROOT
 from mbaid_ros.bags import BagReader
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.recordings.air_bearing import FORCES
 from mbaid_ros.recordings.convert import main
+from mbaid_ros.replay.arguments import replay
 
+SHIPPED = ROOT / 'bags' / 'air_bearing_thrusters'
+WEIGHED = 23.090, 23.824  # kg
 HEAD = 'Step,Control_Time,Telemetry_X_mm,Telemetry_Z_mm,Telemetry_Yaw_deg,Command_Vector\n'
 
 
@@ -39,3 +45,29 @@ def test_poses_and_commands_become_messages(tmp_path: Path) -> None:
 @pytest.mark.parametrize('command', ['[1, 0]', '[2, 0, 1, 0, 0, 0, 0, 0]', 'on'])
 def test_other_commands_are_one_line(command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert 'has a row that is none of such a run' in answer(main, capsys, *log(tmp_path, command), code=2)
+
+
+def test_the_interval_of_the_shipped_recording_holds_what_was_weighed(tmp_path: Path) -> None:
+    found = replayed(tmp_path)
+    mass, std = found['estimate']['mass'], found['std']['mass']
+    assert found['status'] == 'estimating'
+    assert all(abs(mass - each) < 1.96 * std for each in WEIGHED)
+    assert std < 2.5
+    assert json.loads((SHIPPED / 'truth.json').read_text())['weighed']['mass'] == list(WEIGHED)
+    assert 'Permission is hereby granted' in (SHIPPED / 'LICENSE').read_text()
+
+
+@pytest.mark.long
+def test_thrust_declared_too_well_is_refused_and_names_the_thruster(tmp_path: Path) -> None:
+    found = replayed(tmp_path, *(f'thrust.{name}_std:=0.02' for name in ('scale', 'common_scale', 'direction')), code=4)
+    assert found['status'] == 'inconsistent'
+    assert 'thruster2' in found['causes'][0]['cause']
+
+
+def replayed(folder: Path, *settings: str, code: int = 0) -> dict[str, Any]:
+    """Return the JSON of a replay of the shipped recording with other parameters."""
+    files = [SHIPPED, '--model', SHIPPED / 'robot.urdf', '--params', SHIPPED / 'estimator.yaml']
+    given = [part for setting in settings for part in ('-p', setting)]
+    assert replay([*map(str, files), *given, '--json', str(folder / 'result.json')]) == code
+    found: dict[str, Any] = json.loads((folder / 'result.json').read_text())
+    return found

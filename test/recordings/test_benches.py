@@ -67,6 +67,16 @@ def test_every_row_becomes_a_pose_and_the_commanded_joints(bench_2021: tuple[Twi
     assert not (bag / 'truth.json').exists()
 
 
+def test_the_form_of_may_has_commands_between_its_few_poses(tmp_path: Path) -> None:
+    twin = spot_2021(tmp_path, 1, 16.0)
+    table = np.repeat(loadmat(twin.log)['rt_dataPacket'][::2], 2, axis=0)  # each time twice, 0.2 s apart
+    savemat(twin.log, {'rt_dataPacket': np.column_stack((table, np.zeros((len(table), 6))))})
+    _, bag = converted('spot-2021', twin)
+    poses, joints = messages(bag, '/odom', '/joint_states')
+    assert len(poses) == len(table) // 2
+    assert len(joints) > 1.9 * len(poses)
+
+
 def test_the_base_the_slope_and_the_delay_are_found(
     bench_2021: tuple[Twin, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
