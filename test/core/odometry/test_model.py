@@ -14,7 +14,7 @@ from mbaid_ros.core.contracts import Unknown
 from mbaid_ros.core.filter.linearise import WindowModel
 from mbaid_ros.core.geometry import Array, crossed, exp, rotate_back
 from mbaid_ros.core.gyro import IMU, GyroErrors, gyro, gyro_sensor
-from mbaid_ros.core.odometry.model import odometry_mount, odometry_scale, twist_bias
+from mbaid_ros.core.odometry.model import integral_weights, odometry_mount, odometry_scale, twist_bias
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.state import BODY, Layout
@@ -235,3 +235,13 @@ def test_the_joints_noise_is_in_the_readings_as_the_covariance_says(
     assert found[:3, 6:] == pytest.approx(expected[:3, 6:], abs=0.1 * size)
     # That of the joints before it is half as much again.
     assert np.trace(expected[6:, 6:]) > 1.4 * np.trace(expected[:3, :3])
+
+
+@pytest.mark.parametrize('count', [2, 3, 17])
+def test_weights_of_an_integral_and_of_its_mean_over_the_knots(count: int) -> None:
+    """Rates that hold from knot to knot lead to the running sum at each knot."""
+    rates = np.random.default_rng(count).normal(size=count)
+    at_knots = np.concatenate(([0.0], np.cumsum(rates)))[:-1]
+    of_all, of_mean = integral_weights(count)
+    assert count * of_all @ rates == pytest.approx(np.sum(rates))
+    assert 0.5 * (count - 1.0) * of_mean @ rates == pytest.approx(np.mean(at_knots))

@@ -1,0 +1,15 @@
+"""The lists of all that takes part."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mbaid_ros.session.catalogue import suspects
+from observed import kernel
+
+
+def test_suspects_widen_nothing_by_themselves() -> None:
+    """Each is tried with a prior of a thousandth of a plausible value: some per mille, milliradians, ms, mm/s."""
+    sizes = [float(np.max(np.abs(each.factor))) for each in suspects(kernel('servicer7').model)]
+    assert max(sizes) <= 1e-3
+    assert min(sizes) > 0.0
