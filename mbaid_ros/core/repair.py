@@ -26,6 +26,8 @@ _MARGIN = 1.5  # times the size found, that a declared standard deviation is at 
 _STEPS = np.array([1.0, 2.0, 5.0, 10.0])  # of declared standard deviations in a decade: round numbers
 # Share of the leading gain, and log-likelihood, within which another cause is as likely.
 _RIVAL_SHARE, _RIVAL_GAIN = 0.02, 10.0
+# rad, deviation from which a wider prior is no repair: columns of small angles do not hold, another fault is likely.
+_LARGEST_ANGLE = 0.5
 _MOST_RIVALS = 3  # causes of one repair: if more of them are as likely, nothing is known of the cause
 
 
@@ -158,6 +160,14 @@ class Repair:
             parts.insert(0, f'{"the robot description is" if self.conversion.masses else "readings are"} converted')
         return ', '.join(parts)
 
+    @property
+    def plausible(self) -> bool:
+        """Whether the deviation is one that a wider prior can take into account; a conversion may be of any size."""
+        if self.conversion is not None or self.value is None or not self.unit.startswith('rad'):
+            return True
+        angles = np.atleast_1d(self.value)[:3]
+        return self.unit == 'rad/s' or bool(np.max(np.abs(angles)) < _LARGEST_ANGLE)
+
     def beyond(self, settings: Mapping[str, Setting]) -> Repair | None:
         """Return the part of it that given parameters lack; None where they have all of it."""
         if self.parameters is None:
@@ -224,7 +234,7 @@ def leading_repair(
     """Return how the leading cause is taken into account, together with all that are as likely.
 
     Of causes that the data cannot tell apart the declarations of all are made: the wider of them, not the narrower.
-    None where one of them has no repair, or conversions of readings contradict each other.
+    None where one of them has no repair, or an implausible one, or conversions of readings contradict each other.
 
     Parameters
     ----------
@@ -236,7 +246,7 @@ def leading_repair(
         return None
     least = causes[0][1] - max(_RIVAL_GAIN, _RIVAL_SHARE * causes[0][1])
     texts = [text for text, gain in causes if gain >= least]
-    found = [remedies[text] for text in texts if text in remedies]
+    found = [remedies[text] for text in texts if text in remedies and remedies[text].plausible]
     if len(found) < len(texts) or len(found) > _MOST_RIVALS:
         return None
     if len(found) == 1:

@@ -124,6 +124,13 @@ def test_the_leading_cause_is_repaired_if_no_other_is_as_likely() -> None:
     assert leading_repair([], {}) is None
 
 
+@pytest.mark.parametrize(('unit', 'value', 'repaired'), [('rad', 0.4, True), ('rad', 1.4, False), ('m', 1.4, True)])
+def test_no_prior_is_widened_beyond_small_angles(unit: str, value: float, repaired: bool) -> None:
+    """An axis that seems to be 80 degrees off stands for another fault."""
+    found = Repair('off', {'known_joints.wrist.axis_std': 2.0}, value=(0.0, -value), std=(0.01, 0.01), unit=unit)
+    assert (leading_repair([('off', 1000.0)], {'off': found}) is found) is repaired
+
+
 def test_causes_that_are_as_likely_are_repaired_together_or_not_at_all() -> None:
     causes = [('zero', 1000.0), ('axis', 995.0)]
     remedies = {'zero': ZERO, 'axis': AXIS, 'sign': SIGN}
