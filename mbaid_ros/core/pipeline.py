@@ -17,13 +17,13 @@ from mbaid_ros.core.joints.faults import CHECKS, JointFaults, JointRates
 from mbaid_ros.core.joints.stream import joint_channels
 from mbaid_ros.core.links import inertia
 from mbaid_ros.core.noise import NoiseEstimator
-from mbaid_ros.core.odometry.faults import twist_check
+from mbaid_ros.core.odometry.faults import PlanarPoses, twist_check
 from mbaid_ros.core.odometry.stream import POSE, hermite
 from mbaid_ros.core.outliers import JOINT_OUTLIER, JOINTS_HELD, Flips, Outliers, Repeats
 from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.noise_levels import NoiseLevels
-from mbaid_ros.core.results.verdict import Reason, notes, with_reasons
+from mbaid_ros.core.results.verdict import Reason, Severity, notes, with_reasons
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.samples import FEWEST, BaseStream, JointStream, Samples, Stamps, with_rates
 from mbaid_ros.core.streams import LARGEST_BACKLOG, Found, StampPattern, Windows
@@ -55,6 +55,10 @@ NOTHING: Mapping[str, Any] = {}
 _ZEROS = 10  # poses of zeros, from which tracking had not begun
 _POSITION, _ORIENTATION = 1e-3, 1e-4  # m, rad, noise of the base's poses
 _CERTAIN = 1e6  # log-likelihood that such a cause counts as: more than a filter finds for any other
+_GRAVE: Mapping[str, Severity] = {
+    'planar': 'conflict',
+    'nanosec': 'conflict',
+}  # symptoms beside those of joints that spoil any estimate
 _AT_ONCE = 300  # readings that are looked at together at most
 
 
@@ -431,6 +435,7 @@ class PlainFaults:
         self._waiting: list[tuple[Mapping[tuple[int, ...], JointStream], BaseStream | None]] = []
         self._count = 0  # of these readings
         self._base = StampPattern('the poses of the base', _POSITION)
+        self._plane = PlanarPoses(model)
         self._zeros: int | None = 0  # poses at the begin; None once there are others
         self._found: dict[str, tuple[int, Reason]] = {}  # by symptom: from which stamp on (ns), and the reason
         if described := inertia(model):
@@ -455,6 +460,7 @@ class PlainFaults:
             turns = _POSITION / _ORIENTATION * base.rotation.reshape(-1, 9)
             self._name_all(self._base.add(base.stamp, np.concatenate((base.position, turns), axis=1)))
             self._begin(base)
+            self._plane.add_poses(base)
         count = len(self._model.independent_joints)
         for kind in dict.fromkeys(kind for streams, _ in waiting for kind in streams):
             columns = [column for column, joint in enumerate(kind) if joint < count]
@@ -467,6 +473,8 @@ class PlainFaults:
                 own = JointStream(stream.stamp, stream.position[:, columns], stream.velocity[:, columns])
                 self._name_all(joints.add(own))
                 self._name_all(stamps.add(own.stamp, own.position))
+                self._plane.add_joints(joints.names, own.stamp, own.position)
+        self._name_all(self._plane.found())
 
     def applied(self, estimate: Estimate) -> Estimate:
         """Return an estimate with the reasons that were plain by its end, the gravest first."""
@@ -477,6 +485,12 @@ class PlainFaults:
         explained = with_reasons(estimate, reasons[::-1])  # the last one leads the causes
         plain = tuple(reason.text for reason in reasons)
         return replace(explained, warnings=(*plain, *(text for text in explained.warnings if text not in plain)))
+
+    @property
+    def texts(self) -> list[str]:
+        """All faults that are plain by now, the gravest first."""
+        self._inspect()
+        return [reason.text for _, (_, reason) in sorted(self._found.items(), key=_rank)]
 
     def _begin(self, base: BaseStream) -> None:
         """Look at how poses begin: those of zeros, before what locates the base has seen it, end at once."""
@@ -496,7 +510,7 @@ class PlainFaults:
 
     def name(self, symptom: str, since: int, text: str, repair: Repair | None = None) -> None:
         """Name a fault that is plain from a stamp (ns) on: a cause where anything is wrong."""
-        severity = CHECKS[symptom].severity if symptom in CHECKS else 'note'
+        severity = CHECKS[symptom].severity if symptom in CHECKS else _GRAVE.get(symptom, 'note')
         if symptom not in self._found or since < self._found[symptom][0]:
             self._found[symptom] = since, Reason(text, severity, _CERTAIN, repair)
 

@@ -86,6 +86,10 @@ def _joined(values: Sequence[Any]) -> Any:
     return first.concatenate(values) if isinstance(first, ArrayRecord) else np.concatenate(values)
 
 
+_SECOND = 1_000_000_000  # ns
+NO_STAMP = int(np.iinfo(np.int64).min)  # in place of a stamp that is none
+
+
 @dataclass(frozen=True)
 class SensorNoise:
     """Standard deviation of each sensor channel, a sample (white unless noted)."""
@@ -472,7 +476,8 @@ class PacketLayout:
 
 def _stamps(records: npt.NDArray[np.void]) -> Stamps:
     stamp = records['stamp']
-    return stamp['sec'].astype(np.int64) * 1_000_000_000 + stamp['nanosec'].astype(np.int64)
+    nanosec = stamp['nanosec'].astype(np.int64)
+    return np.where(nanosec < _SECOND, stamp['sec'].astype(np.int64) * _SECOND + nanosec, NO_STAMP)
 
 
 Layout = TypeVar('Layout', bound=PacketLayout)
@@ -536,7 +541,7 @@ class Packer(Generic[Layout]):
 
 def _packet(data: bytes, layout: Layout) -> Packets[Layout]:
     second, nanosecond = _stamp(data)
-    return Packets(data, layout, np.array([second * 1_000_000_000 + nanosecond]))
+    return Packets(data, layout, np.array([second * _SECOND + nanosecond if nanosecond < _SECOND else NO_STAMP]))
 
 
 @dataclass(frozen=True)
@@ -551,13 +556,13 @@ class BasePose:
 
 
 def stamp_of(message: Any) -> int:
-    """Return the header stamp of a message, ns."""
+    """Return the header stamp of a message, ns; NO_STAMP where its nanosec are a second or more."""
     if isinstance(message, Packets):  # one
         return int(message.stamps[0])
     if isinstance(message, BasePose):
         return message.stamp
     stamp = message.header.stamp
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+    return int(stamp.sec) * _SECOND + int(stamp.nanosec) if stamp.nanosec < _SECOND else NO_STAMP
 
 
 def stamps_of(messages: Sequence[Any]) -> Stamps:

@@ -10,9 +10,10 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples, Stamps
+from mbaid_ros.core.samples import NO_STAMP, BaseStream, ImuStream, JointStream, Samples, Stamps
 
 ZERO_STAMP = 'stamp is zero'
+BAD_NANOSEC = 'nanosec of the stamp is 1e9 or more'
 STRAY_STAMP = 'stamp far from those before and after'
 OTHER_CLOCK = 'stamp from before the other topic jumped back in time'
 LATE = 'stamp before one that was already used'
@@ -24,6 +25,8 @@ LARGEST_BACKLOG = 100_000  # measurements of one stream waiting for the other: m
 Found = tuple[str, int, str]  # symptom, from which stamp on (ns), and in words
 _SKIPPED = 10  # intervals, before which the mean is not known
 _PATTERN = 60  # intervals that show a pattern
+_SECOND = 1_000_000_000  # ns
+_REPEATS = 0.5  # share of repeated stamps, from which they are rounded: copies of messages are fewer
 _SHORT, _BATCHED = 0.2, 0.4  # part of the mean interval that is short; share of such ones: of random ones it is a fifth
 _STEP = 50_000_000  # ns, that a clock is set by at least: less is jitter, or messages that overtake each other
 _LONGEST = 200_000_000  # ns between readings around a step: of slower ones the motion is not known
@@ -64,6 +67,9 @@ class Gate:
         After a jump back, `messages` holds those before it; `confirm_jump` adds those after it.
         """
         newest = self.newest
+        if stamp == NO_STAMP:
+            self.dropped[BAD_NANOSEC] += 1
+            return 0
         if newest is not None and not -self._threshold <= stamp - newest <= self._threshold:
             return self._far(stamp, message, newest)
         if stamp == 0 and newest is not None:  # a run of simulated time may begin with it, once
@@ -82,7 +88,7 @@ class Gate:
         """Return whether messages with these stamps (N,) all pass at once."""
         if not len(stamp):
             return True
-        if self.newest is None or self._suspect is not None:
+        if self.newest is None or self._suspect is not None or np.any(stamp == NO_STAMP):
             return False
         steps = stamp - self._newest_before(stamp)
         return bool(np.all(np.abs(steps) <= self._threshold) and np.all(stamp != 0))
@@ -253,6 +259,7 @@ class StampPattern:
     def __init__(self, what: str, noise: float) -> None:
         self._what, self._noise = what, noise
         self._first, self._count, self._short = 0, 0, 0
+        self._equal, self._whole = 0, True  # stamps that repeat the one before; whether all are whole seconds
         self._stamp: Stamps = np.zeros(0, dtype=np.int64)
         self._position: Array = np.zeros((0, 0))
 
@@ -263,6 +270,7 @@ class StampPattern:
         if not self._count:
             self._first, self._position = int(stamp[0]), position[:0]
         begin = self._count - len(self._stamp)  # number of the first of the readings that are kept
+        yield from self._resolution(stamp)
         yield from self._batches(stamp)
         self._stamp = np.concatenate((self._stamp, stamp))
         self._position = np.concatenate((self._position, position))
@@ -273,6 +281,23 @@ class StampPattern:
                 yield from self._step(place, (int(self._stamp[place]) - self._first) / (begin + place))
         keep = 2 * _AROUND - 1
         self._stamp, self._position = self._stamp[-keep:], self._position[-keep:]
+
+    def _resolution(self, stamp: Stamps) -> Iterator[Found]:
+        """Yield that most stamps are those of the reading before: they are rounded."""
+        joined = np.concatenate((self._stamp[-1:], stamp))
+        equal = np.diff(joined) == 0
+        number = self._count + len(stamp) - len(equal) + 1 + np.arange(len(equal))
+        repeats = self._equal + np.cumsum(equal)
+        whole = self._whole & np.logical_and.accumulate(joined[1:] % _SECOND == 0)
+        rounded = np.flatnonzero((number > _PATTERN) & (repeats > _REPEATS * number))
+        if len(rounded):
+            how = (
+                'whole seconds: fill in nanosec of header.stamp' if whole[rounded[0]] else 'rounded: publish all digits'
+            )
+            text = f'most stamps of {self._what} repeat the one before, they are {how}'
+            yield f'rounded: {self._what}', int(joined[1:][rounded[0]]), text
+        if len(equal):
+            self._equal, self._whole = int(repeats[-1]), bool(whole[-1])
 
     def _batches(self, stamp: Stamps) -> Iterator[Found]:
         """Yield that most messages are stamped right after each other, and then none for long."""
@@ -297,7 +322,7 @@ class StampPattern:
         around = np.diff(self._stamp[place - _AROUND + 1 : place + _AROUND + 1]).astype(float)
         step = float(around[_AROUND - 1])
         around = np.delete(around, _AROUND - 1)
-        if np.any(around > _LONGEST) or np.any(np.abs(around - usual) > _EVEN * usual):
+        if usual <= 0.0 or np.any(around > _LONGEST) or np.any(np.abs(around - usual) > _EVEN * usual):
             return
         at = 1e-9 * (int(self._stamp[place]) - self._first)
         since = int(max(self._stamp[place], self._stamp[place + _AROUND]))  # windows before a step back are out already

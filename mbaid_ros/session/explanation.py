@@ -22,7 +22,7 @@ from mbaid_ros.core.samples import (
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
 )
-from mbaid_ros.core.streams import LATE, OTHER_CLOCK, ZERO_STAMP
+from mbaid_ros.core.streams import BAD_NANOSEC, LATE, OTHER_CLOCK, ZERO_STAMP
 from mbaid_ros.core.wheels import OTHER_MOMENTUM_FRAME
 from mbaid_ros.errors import listing
 from mbaid_ros.parameters import topic_of
@@ -60,7 +60,8 @@ def explain(session: Session, causes: Iterable[str]) -> list[str]:
         BAD_QUATERNION: 'its length is not 1',
         LOST_TRACKING: 'the tracking system has lost the base',
         NOT_FINITE: _not_finite(session),
-        ZERO_STAMP: 'the publisher has to fill in header.stamp',
+        ZERO_STAMP: f'{_unstamped(session, ZERO_STAMP)}: the publisher has to fill in header.stamp',
+        BAD_NANOSEC: f'{_unstamped(session, BAD_NANOSEC)}: nanosec has to be what is left of a second, below 1e9',
         LATE: f'by more than {REORDER_TIME:g} s, or the first one',
         OTHER_CLOCK: 'restart it, too, or set its clock',
         ODOMETRY_GAP: f'longer than maximum_gap, {config.maximum_gap:g} s',
@@ -88,12 +89,15 @@ def explain(session: Session, causes: Iterable[str]) -> list[str]:
 
 def intake_warnings(session: Session) -> list[str]:
     """Return the unused and partly used messages, one line a cause with its remedy, after restarts and obstacles."""
-    lines = [
-        f'{causes[cause]} messages {how}: {text}'
-        for how, causes in (('not used', session.dropped), ('partly used', session.replaced))
+    counts = {'not used': session.dropped, 'partly used': session.replaced}
+    found = [
+        (causes[cause], f'{causes[cause]} messages {how}: {text}')
+        for how, causes in counts.items()
         for cause, text in zip(sorted(causes), explain(session, causes), strict=True)
     ]
-    return [*session.restarts, *obstacles(session), *doubts(session), *lines]
+    lines = [text for _, text in sorted(found, key=lambda each: -each[0])]
+    plain = session.intake.faults.texts if not session.used else []
+    return [*session.restarts, *plain, *obstacles(session), *doubts(session), *lines]
 
 
 def obstacles(session: Session, *, stuck: bool = True) -> list[str]:
@@ -130,8 +134,16 @@ def obstacles(session: Session, *, stuck: bool = True) -> list[str]:
     return found
 
 
+def _unstamped(session: Session, cause: str) -> str:
+    """Return of which messages most have no stamp, by that cause."""
+    return listing(SPOKEN.get(name, name) for name, count in session.queue.dropped_of(cause).items() if count)
+
+
 def _apart(session: Session) -> list[str]:
-    """Return that one topic's stamps are ahead of another's."""
+    """Return that one topic's stamps are ahead of another's; not where these are none."""
+    for cause in (ZERO_STAMP, BAD_NANOSEC):
+        if any(2 * count > session.received[name] for name, count in session.queue.dropped_of(cause).items() if count):
+            return []
     joints, base = session.queue.newest[JOINTS], session.queue.newest[ODOMETRY]
     if joints is None or base is None or abs(joints - base) <= _APART:
         return []

@@ -29,10 +29,10 @@ from mbaid_ros.core.poses import REFERENCE_GAP, reference
 from mbaid_ros.core.repair import Conversion, Repair
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import BaseStream, Input, JointStream, Packets, Source, number_of, stamp_of, stamps_of
-from mbaid_ros.core.streams import OTHER_CLOCK, Gate, Reorder
+from mbaid_ros.core.streams import BAD_NANOSEC, OTHER_CLOCK, Gate, Reorder
 from mbaid_ros.core.tracked_target import TargetTrack
 from mbaid_ros.core.wheels import StoredMomentum, vector_of
-from mbaid_ros.errors import DataError, ParameterError
+from mbaid_ros.errors import DataError, ParameterError, listing
 from mbaid_ros.estimate_messages import Frames
 from mbaid_ros.parameters import topic_of
 from mbaid_ros.session.catalogue import inputs, instruments
@@ -56,6 +56,9 @@ IMU_NOT_ASKED_FOR = 'an IMU is published but not used: set imu.noise_density'
 # No known data lead to these. A node in a robot's graph has to report them and go on all the same.
 UNSOLVABLE = (np.linalg.LinAlgError, FloatingPointError)
 _RESTARTS_KEPT = 20
+_NANOSEC = (
+    'nanosec of the stamps of {} are 1e9 or more: fill in what is left of a second; the other stamps are wrong, too'
+)
 
 
 class MessageQueue:
@@ -71,6 +74,10 @@ class MessageQueue:
     def dropped(self) -> Counter[str]:
         """Messages that were not taken, by cause."""
         return sum((gate.dropped for gate in self._gates.values()), Counter(self._dropped))
+
+    def dropped_of(self, cause: str) -> dict[str, int]:
+        """Return how many messages of each topic were not taken by a cause."""
+        return {name: gate.dropped[cause] for name, gate in self._gates.items()}
 
     @property
     def newest(self) -> dict[str, int | None]:
@@ -417,8 +424,15 @@ class Segment:
         """Unused messages, by cause."""
         return self.intake.dropped + self.identifier.dropped + self.thrust.dropped + self.track.dropped
 
-    def process(self, messages: Mapping[str, Sequence[Any]], *, last: bool = False) -> list[Estimate]:
-        """Return the estimates of messages, by topic; raise one of UNSOLVABLE if the equations have no solution."""
+    def process(
+        self, messages: Mapping[str, Sequence[Any]], *, last: bool = False, unstamped: Sequence[str] = ()
+    ) -> list[Estimate]:
+        """Return the estimates of messages, by topic; raise one of UNSOLVABLE if the equations have no solution.
+
+        `unstamped` are the topics, in words, some of whose messages had no valid stamp until now.
+        """
+        if unstamped:
+            self.intake.faults.name('nanosec', 0, _NANOSEC.format(listing(unstamped)))
         streams = self.intake.streams(messages)
         self.thrust.odometry_frame = self.track.odometry_frame = self.intake.odometry_reader.frame
         found = self.identifier.push(*streams)
@@ -738,7 +752,9 @@ class Session:
         messages = self.queue.take_all()
         self.received.update({name: number_of(each) for name, each in messages.items()})
         behind = self._recording.pending
-        self._recording.add(partial(Segment.process, messages=messages, last=last))
+        wrong = self.queue.dropped_of(BAD_NANOSEC).items()
+        unstamped = [SPOKEN.get(name, name) for name, count in wrong if count]
+        self._recording.add(partial(Segment.process, messages=messages, last=last, unstamped=unstamped))
         if not at_once:
             return [] if behind else self._take_next(new_only=new_only)
         estimates: list[Estimate] = []

@@ -275,3 +275,34 @@ def test_velocities_that_are_no_rates_are_left_out(change: tuple[float, float, f
     ]
     # At once where the joint moves, and all along from the third window on.
     assert all(np.isnan(window.joint_velocity).all() for window in passed[6:])
+
+
+def _poses(position: Array, stamps: Stamps) -> BaseStream:
+    count = len(position)
+    unknown, covariance = np.full((count, 3), np.nan), np.tile(np.eye(6), (count, 1, 1))
+    rotation = np.tile(np.eye(3), (count, 1, 1))
+    return BaseStream(stamps, position, rotation, unknown, unknown, covariance, covariance)
+
+
+@pytest.mark.parametrize('pieces', [1, 7])
+@pytest.mark.parametrize(('rise', 'named'), [(0.0, True), (1e-9, True), (1e-3, False)])
+def test_odometry_in_two_dimensions_of_a_robot_that_leaves_the_plane_is_named(
+    pieces: int, rise: float, named: bool
+) -> None:
+    faults, joints = PlainFaults(robot('servicer7'), 1e-4), motion(0)
+    stamps: Stamps = SPACING * np.arange(COUNT)
+    position = np.column_stack((1e-3 * np.arange(COUNT), np.zeros(COUNT), rise * np.sin(np.arange(COUNT))))
+    for piece in np.array_split(np.arange(COUNT), pieces):
+        read = JointStream(stamps[piece], joints[piece], np.full((len(piece), JOINTS), np.nan))
+        faults.add({ALL: read}, _poses(position[piece], stamps[piece]))
+    estimate = faults.applied(Estimate('trajectory', 'estimating', 0.0, 10**18))
+    assert (estimate.status == 'inconsistent') is named
+    assert ('the odometry is in two dimensions' in ''.join(text for text, _ in estimate.causes)) is named
+
+
+@pytest.mark.parametrize(('step', 'how'), [(10**9, 'they are whole seconds'), (10**8, 'they are rounded')])
+@pytest.mark.parametrize('pieces', [1, 7])
+def test_rounded_stamps_are_named(step: int, how: str, pieces: int) -> None:
+    estimate = found(motion(0), pieces, stamps=SPACING * np.arange(COUNT) // step * step)
+    assert how in estimate.warnings[0]
+    assert not found(motion(0), pieces).warnings

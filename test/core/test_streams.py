@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,8 +15,8 @@ from hypothesis import strategies as st
 from checked import some
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joints.stream import NO_PARTNER, OFTEN, PARTNER_GAP, REDUNDANT, JointMerge, Joints
-from mbaid_ros.core.samples import JointStream, Samples, polynomial_fit, with_rates
-from mbaid_ros.core.streams import STRAY_STAMP, ZERO_STAMP, Gate, Reorder
+from mbaid_ros.core.samples import NO_STAMP, JointStream, Samples, polynomial_fit, stamp_of, with_rates
+from mbaid_ros.core.streams import BAD_NANOSEC, STRAY_STAMP, ZERO_STAMP, Gate, Reorder
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, configured_motion, observe, windows
 
@@ -255,3 +256,15 @@ def test_measured_rates_are_left_alone() -> None:
     assert np.all(np.isnan(derived.joint_rate_gain[:, others]))
     assert np.all(derived.joint_rate_gain[:, 2] > 0.0)
     assert np.array_equal(derived.base_linear_velocity, window.base_linear_velocity)
+
+
+def test_stamps_whose_nanosec_are_a_second_or_more_are_none() -> None:
+    stamp = SimpleNamespace(sec=5, nanosec=SECOND - 1)
+    message = SimpleNamespace(header=SimpleNamespace(stamp=stamp))
+    assert stamp_of(message) == 6 * SECOND - 1
+    stamp.nanosec += 1
+    assert stamp_of(message) == NO_STAMP
+    gate = Gate(SECOND)
+    assert [gate.add(each, each) for each in (5, NO_STAMP, 6)] == [0, 0, 0]
+    assert (gate.messages, gate.dropped[BAD_NANOSEC]) == ([5, 6], 1)
+    assert gate.all_pass(np.array([7, 8])) is not gate.all_pass(np.array([7, NO_STAMP]))

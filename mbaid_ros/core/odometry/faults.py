@@ -13,6 +13,7 @@ import numpy as np
 from mbaid_ros.core.contracts import LEFT, RIGHT, Convention, PlacedFrame, converted
 from mbaid_ros.core.geometry import (
     Array,
+    Flags,
     exp,
     log,
     mirror,
@@ -24,11 +25,15 @@ from mbaid_ros.core.geometry import (
 from mbaid_ros.core.odometry.model import marker_text
 from mbaid_ros.core.repair import Conversion, Repair
 from mbaid_ros.core.results.verdict import Reason, Severity
+from mbaid_ros.core.robot.model import Kinematics, RobotModel
 from mbaid_ros.core.robot.momentum import MomentumKernel
-from mbaid_ros.core.samples import ArrayRecord, Samples
+from mbaid_ros.core.samples import ArrayRecord, BaseStream, Samples, Stamps
 from mbaid_ros.core.windows import Knots, Window, without_twist
 
 _FEWEST_SAMPLES = 5  # samples of a window
+# m and rad, that a base out of the plane moves and tilts by at least (filters that hold it leave 1e-9); m and rad, by
+# which base and joint have moved before that counts; cosine of an upright axis.
+_FLAT, _MOVES_BY, _TURNS_BY, _UPRIGHT = 1e-6, 0.01, 0.2, 0.98
 _FEWEST_RATES, _KEPT_RATES = (
     8,
     80,
@@ -369,6 +374,55 @@ def _is_held(seen: Array) -> bool:
         return True
     together = abs(float(np.sum(base * centre)))
     return bool(together < _CORRELATION * np.sqrt(base_square * square) and bends[0] > _WHITE * base_square)
+
+
+class PlanarPoses:
+    """Follows raw poses and joints, and finds odometry in two dimensions of a robot that moves in three.
+
+    Parameters
+    ----------
+    model : RobotModel
+    """
+
+    def __init__(self, model: RobotModel) -> None:
+        placed = Kinematics(model).configure(np.eye(3)[None], np.zeros((1, model.joints)))
+        upright = np.abs(placed.joint_twist[0, :, 5])
+        # A joint that turns about another axis than the base's z takes the base out of the plane.
+        self._tilting = {name for name, along in zip(model.joint_names, upright, strict=True) if along < _UPRIGHT}
+        self._first: dict[str, Array] = {}  # positions of base and joints at the begin
+        self._since: dict[str, int] = {}  # ns, when the base moved, when it left the plane, and when a joint moved
+        self._joint = ''
+
+    def add_poses(self, base: BaseStream) -> None:
+        """Take poses in the order of arrival."""
+        first = self._first.setdefault('base', base.position[0])
+        away = np.abs(base.position - first)
+        self._note('moved', np.any(away[:, :2] > _MOVES_BY, axis=1), base.stamp)
+        left = (away[:, 2] > _FLAT) | np.any(np.abs(base.rotation[:, 2, :2]) > _FLAT, axis=1)
+        self._note('left', left, base.stamp)
+
+    def add_joints(self, names: Sequence[str], stamp: Stamps, position: Array) -> None:
+        """Take readings (N, k) of some joints in the order of arrival."""
+        for name, values in zip(names, position.T, strict=True):
+            if name in self._tilting and 'turned' not in self._since:
+                turned = np.abs(values - self._first.setdefault(f'joint {name}', values[:1])) > _TURNS_BY
+                self._note('turned', turned, stamp)
+                self._joint = name
+
+    def _note(self, what: str, flags: Flags, stamp: Stamps) -> None:
+        if what not in self._since and flags.any():
+            self._since[what] = int(stamp[np.argmax(flags)])
+
+    def found(self) -> Iterator[tuple[str, int, str]]:
+        """Yield the fault, from which stamp on (ns), and in words."""
+        if {'moved', 'turned'} <= self._since.keys():
+            since = max(self._since['moved'], self._since['turned'])
+            if self._since.get('left', since + 1) > since:
+                text = (
+                    'the odometry is in two dimensions: z, roll and pitch of the base never change, though '
+                    f'{self._joint} moves out of the plane; publish all three (dimensions: 3, no two_d_mode)'
+                )
+                yield 'planar', since, text
 
 
 def mistaken_poses(kernel: MomentumKernel) -> Iterator[Convention]:
