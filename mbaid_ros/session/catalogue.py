@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
-from mbaid_ros.core.clocks import clock_drift, declared_drift, declared_offset, joints_stamped_late
+from mbaid_ros.core.clocks import clock_drift, declared_drift, declared_offset, joints_stamped_late, time_offset
 from mbaid_ros.core.contracts import (
     UNDISTURBED,
     ConventionFactory,
@@ -46,8 +46,9 @@ from mbaid_ros.core.joints.model import (
     declared_tracking,
     geared_joints,
     joint_lags,
+    joint_placements,
 )
-from mbaid_ros.core.links import known_bodies, mistaken_masses
+from mbaid_ros.core.links import independent_errors, known_bodies, mistaken_masses
 from mbaid_ros.core.odometry.faults import axis_conventions, inverted_marker, mistaken_poses
 from mbaid_ros.core.odometry.model import (
     LATE,
@@ -58,6 +59,7 @@ from mbaid_ros.core.odometry.model import (
     declared_twist_bias,
     drifting_position,
     marker_frame,
+    odometry_mount,
     odometry_scale,
     odometry_turning,
     twist_bias,
@@ -71,6 +73,9 @@ from mbaid_ros.core.samples import BaseStream, Input
 from mbaid_ros.core.state import Declared
 from mbaid_ros.core.target import declared_linear_momentum, declared_target, other_targets
 from mbaid_ros.core.wheels import declared_wheels
+
+# Standard deviations of exact declarations, where a contradicted run is tried without them: s, rad or m; of a link.
+_EXACT, _EXACT_LINK = 2e-5, 1e-4
 
 
 def unknowns(config: EstimatorConfig, kernel: MomentumKernel) -> tuple[Unknown, ...]:
@@ -183,12 +188,19 @@ def hypotheses(known_mass: float, position_std: float, constant: str, *, adapt: 
     )
 
 
-def suspects(model: RobotModel) -> tuple[Unknown, ...]:
+def suspects(kernel: MomentumKernel) -> tuple[Unknown, ...]:
     """Return the unknowns that a contradicted run is tried with, beside its own.
 
-    Their standard deviations are too small to matter, a thousandth of a plausible value.
+    Their standard deviations are too small to matter, a thousandth of a plausible value. Exact declarations are
+    among them.
     """
+    model = kernel.model
+    each = np.full(model.joints, _EXACT)
     return (
+        known_bodies(model, independent_errors(kernel.known, _EXACT_LINK), kernel.known),
+        joint_placements(kernel, *(each.tolist(),) * 3),
+        odometry_mount(_EXACT, _EXACT),
+        time_offset(_EXACT),
         odometry_scale(5e-5),
         odometry_turning(3e-6),
         clock_drift(1e-6),

@@ -61,7 +61,7 @@ def explain(session: Session, causes: Iterable[str]) -> list[str]:
         LOST_TRACKING: 'the tracking system has lost the base',
         NOT_FINITE: _not_finite(session),
         ZERO_STAMP: f'{_unstamped(session, ZERO_STAMP)}: the publisher has to fill in header.stamp',
-        BAD_NANOSEC: f'{_unstamped(session, BAD_NANOSEC)}: nanosec has to be what is left of a second, below 1e9',
+        BAD_NANOSEC: f'{_unstamped(session, BAD_NANOSEC)}: it has to be below 1e9',
         LATE: f'by more than {REORDER_TIME:g} s, or the first one',
         OTHER_CLOCK: 'restart it, too, or set its clock',
         ODOMETRY_GAP: f'longer than maximum_gap, {config.maximum_gap:g} s',
@@ -136,13 +136,13 @@ def obstacles(session: Session, *, stuck: bool = True) -> list[str]:
 
 def _unstamped(session: Session, cause: str) -> str:
     """Return of which messages most have no stamp, by that cause."""
-    return listing(SPOKEN.get(name, name) for name, count in session.queue.dropped_of(cause).items() if count)
+    return listing(SPOKEN.get(name, name) for name, count in session.queue.dropped_by(cause).items() if count)
 
 
 def _apart(session: Session) -> list[str]:
     """Return that one topic's stamps are ahead of another's; not where these are none."""
     for cause in (ZERO_STAMP, BAD_NANOSEC):
-        if any(2 * count > session.received[name] for name, count in session.queue.dropped_of(cause).items() if count):
+        if any(2 * count > session.received[name] for name, count in session.queue.dropped_by(cause).items() if count):
             return []
     joints, base = session.queue.newest[JOINTS], session.queue.newest[ODOMETRY]
     if joints is None or base is None or abs(joints - base) <= _APART:

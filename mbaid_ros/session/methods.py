@@ -106,7 +106,7 @@ def _trajectory(
             config.disturbance.constant,
             adapt=_ADAPT and config.located,  # drifts show in poses only
         ),
-        suspects=suspects(known.kernel.model),
+        suspects=suspects(known.kernel),
         conventions=conventions(known.declared.marker, config.target_link),
         located=config.located,
         orientation_measured=config.oriented,

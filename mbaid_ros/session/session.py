@@ -57,7 +57,7 @@ IMU_NOT_ASKED_FOR = 'an IMU is published but not used: set imu.noise_density'
 UNSOLVABLE = (np.linalg.LinAlgError, FloatingPointError)
 _RESTARTS_KEPT = 20
 _NANOSEC = (
-    'nanosec of the stamps of {} are 1e9 or more: fill in what is left of a second; the other stamps are wrong, too'
+    'nanosec of the stamps of {} are 1e9 or more: they have to be below; the other stamps are wrong, too'
 )
 
 
@@ -75,7 +75,7 @@ class MessageQueue:
         """Messages that were not taken, by cause."""
         return sum((gate.dropped for gate in self._gates.values()), Counter(self._dropped))
 
-    def dropped_of(self, cause: str) -> dict[str, int]:
+    def dropped_by(self, cause: str) -> dict[str, int]:
         """Return how many messages of each topic were not taken by a cause."""
         return {name: gate.dropped[cause] for name, gate in self._gates.items()}
 
@@ -752,7 +752,7 @@ class Session:
         messages = self.queue.take_all()
         self.received.update({name: number_of(each) for name, each in messages.items()})
         behind = self._recording.pending
-        wrong = self.queue.dropped_of(BAD_NANOSEC).items()
+        wrong = self.queue.dropped_by(BAD_NANOSEC).items()
         unstamped = [SPOKEN.get(name, name) for name, count in wrong if count]
         self._recording.add(partial(Segment.process, messages=messages, last=last, unstamped=unstamped))
         if not at_once:

@@ -485,7 +485,8 @@ class CandidateCauses:
 
     @property
     def _suspects(self) -> tuple[Unknown, ...]:
-        return tuple(each for each in (own.without(self.layout.causes) for own in self.suspects) if each.count)
+        left = [each for each in (own.without(self.layout.causes) for own in self.suspects) if each.count]
+        return tuple(left if self.layout.plane is None else (each.in_plane(self.plane) for each in left))
 
     def extended(self, *more: Unknown) -> FilterPasses:
         """Return passes with more unknowns."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, TypeVar
 
@@ -77,7 +78,7 @@ def causes(kind: type[CandidateCauses] = CandidateCauses, *hypotheses: Hypothesi
         PlaneDetector(KERNEL.model),
         Declared(),
         (UNDISTURBED, *hypotheses),
-        suspects(KERNEL.model),
+        suspects(KERNEL),
         conventions(None, ''),
     )
 
@@ -356,3 +357,13 @@ def test_no_link_loses_far_more_than_its_mass(less: float, possible: bool) -> No
     text = _text_of(passes, 'link:link2')(filtered)
     assert (text is not None) is possible
     assert 'link2' in (text or 'link2')
+
+
+def test_a_contradicted_run_is_tried_with_errors_of_all_that_is_declared_exact() -> None:
+    kinds = {label.partition(':')[0] for each in suspects(KERNEL) for label in each.causes}
+    assert {'link', 'zero', 'origin', 'axis', 'mount', 'time offset', 'lag'} <= kinds
+    isolation = causes()
+    tried = {label for each in isolation._suspects for label in each.causes}
+    declared = next(each for each in suspects(KERNEL) if 'zero:joint1' in each.causes).part('zero:joint1')
+    beside = replace(isolation, layout=Layout.from_unknowns(KERNEL, (declared,)))
+    assert tried - {label for each in beside._suspects for label in each.causes} == {'zero:joint1'}
