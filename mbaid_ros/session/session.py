@@ -56,9 +56,7 @@ IMU_NOT_ASKED_FOR = 'an IMU is published but not used: set imu.noise_density'
 # No known data lead to these. A node in a robot's graph has to report them and go on all the same.
 UNSOLVABLE = (np.linalg.LinAlgError, FloatingPointError)
 _RESTARTS_KEPT = 20
-_NANOSEC = (
-    'nanosec of the stamps of {} are 1e9 or more: they have to be below; the other stamps are wrong, too'
-)
+_NANOSEC = 'nanosec of the stamps of {} are 1e9 or more: they have to be below; the other stamps are wrong, too'
 
 
 class MessageQueue:

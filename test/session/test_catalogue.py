@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
+from mbaid_ros.core.links import KnownBodies
 from mbaid_ros.session.catalogue import suspects
 from observed import kernel
 
 
 def test_suspects_widen_nothing_by_themselves() -> None:
     """Each is tried with a prior of a thousandth of a plausible value: some per mille, milliradians, ms, mm/s."""
-    sizes = [float(np.max(np.abs(each.factor))) for each in suspects(kernel('servicer7').model)]
+    robot = kernel('servicer7')
+    bodies, *others = suspects(robot)
+    assert isinstance(bodies, KnownBodies)
+    masses = np.linalg.norm(bodies.factor[::10], axis=1) / robot.known[list(bodies.bodies), 0]
+    sizes = [*masses.tolist(), *(float(np.max(np.abs(each.factor))) for each in others)]
     assert max(sizes) <= 1e-3
     assert min(sizes) > 0.0

@@ -283,7 +283,8 @@ def axes_between(step: Array, read: Array, noise: Array) -> tuple[Array, str]:
     where one of them hardly moves. The noise (N, 3) is that of the difference.
     """
     products, squares = step.T @ read, np.sum(read**2, axis=0)
-    if np.any(squares < _CLEARLY**2 * np.mean(noise**2, axis=0)):
+    moved = np.minimum(squares, np.sum(step**2, axis=0))
+    if np.any(moved < _CLEARLY**2 * np.mean(noise**2, axis=0)):
         return read, ''
     best, found = np.inf, (read, '')
     for order in permutations(range(3)):
