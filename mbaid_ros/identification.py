@@ -24,10 +24,10 @@ from mbaid_ros.estimate_messages import MessageTypes
 from mbaid_ros.files import write_text
 from mbaid_ros.parameters import build
 from mbaid_ros.replay.json_output import as_json
-from mbaid_ros.replay.kept import Kept
 from mbaid_ros.replay.provenance import made_by
-from mbaid_ros.replay.results import Run, TopicStatistics
+from mbaid_ros.replay.run_of_session import Kept
 from mbaid_ros.replay.text import summary
+from mbaid_ros.replay.whole_run import Run, TopicStatistics
 from mbaid_ros.sensor_messages import Imu, Joints, Poses, Readings, in_order
 from mbaid_ros.session.explanation import intake_warnings
 from mbaid_ros.session.session import Session

@@ -23,7 +23,7 @@ from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.errors import DataError, ParameterError, listing
 from mbaid_ros.replay.arguments import replay as replay_executable
 from mbaid_ros.replay.arguments import simulate as simulate_executable
-from mbaid_ros.replay.saved import TRUTH_FILE
+from mbaid_ros.replay.read_back import TRUTH_FILE
 
 ROOT = Path(__file__).resolve().parents[1]
 ESTIMATE = '/estimator/estimate'

@@ -25,8 +25,8 @@ from mbaid_ros.core.interval import BAND
 from mbaid_ros.parameters import build
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.one_bag import replay_bag
-from mbaid_ros.replay.results import Run
-from mbaid_ros.replay.saved import read_truth
+from mbaid_ros.replay.read_back import read_truth
+from mbaid_ros.replay.whole_run import Run
 
 ROOT = Path(__file__).resolve().parents[1]
 IMAGES = ROOT / 'docs' / 'images'

@@ -34,7 +34,7 @@ HEADER = """\
 #   ros2 run mbaid_ros replay BAG --model robot.urdf --params estimator.yaml
 #
 # In every list write all numbers with a decimal point: ROS does not take whole and broken numbers in one list.
-# Written by scripts/write_parameters.py from the declarations in mbaid_ros/config/estimator_parameters.py.
+# Written by scripts/write_parameters.py from the groups of mbaid_ros/config/estimator_parameters.py.
 /**:
   ros__parameters:
 """

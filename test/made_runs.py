@@ -10,7 +10,7 @@ from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.parameters import values_of
-from mbaid_ros.replay.results import Run, TopicStatistics
+from mbaid_ros.replay.whole_run import Run, TopicStatistics
 from simulated import CONFIG
 
 # A body that can exist: mass, centre of mass, inertia about it.

@@ -17,7 +17,7 @@ from scipy.linalg import block_diag
 
 from mbaid_ros.core.contracts import NamedSensor, NominalModel, PlacedFrame, Unknown, uncertain
 from mbaid_ros.core.geometry import Array, Flags, Integers
-from mbaid_ros.core.results.verdict import BASE_SENSORS
+from mbaid_ros.core.results.innovations import BASE_SENSORS
 from mbaid_ros.core.robot.body import body_sizes
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import MomentumKernel, unknown_scale

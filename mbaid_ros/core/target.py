@@ -124,7 +124,7 @@ class DebrisPublication:
 
 @dataclass(frozen=True)
 class TargetPrior:
-    """The prior of the target link: mass and CoM, where given. What changes with time: `core/state.py`."""
+    """The prior of the target link: mass and CoM, where given. Its step in time: `filter/time_update.py`."""
 
     mass: float = 0.0  # kg; 0 where nothing is known of it
     mass_std: float = 0.0  # kg

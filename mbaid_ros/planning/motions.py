@@ -13,7 +13,7 @@ from mbaid_ros.core.geometry import Array, rotate_back
 from mbaid_ros.core.state import Point
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.joint_trajectory import JointTrajectory
-from mbaid_ros.planning.collisions import JointEfforts
+from mbaid_ros.planning.efforts import JointEfforts
 from mbaid_ros.planning.floating import BaseMotion, FloatingRobot, base_motions
 from mbaid_ros.planning.information import Grid, Information
 from mbaid_ros.planning.requirements import BaseLimits, JointLimits

@@ -13,7 +13,8 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.identifiable import Reporting
 from mbaid_ros.errors import ParameterError, listing
 from mbaid_ros.planning.assurance import RobustLimits, beyond_motion, single_joint
-from mbaid_ros.planning.collisions import Collisions, JointEfforts, ReadMesh, no_mesh
+from mbaid_ros.planning.collisions import Collisions, ReadMesh, no_mesh
+from mbaid_ros.planning.efforts import JointEfforts
 from mbaid_ros.planning.information import Grid, Information
 from mbaid_ros.planning.motions import Motions
 from mbaid_ros.planning.planned_motion import BINDING, LIMITS, Plan

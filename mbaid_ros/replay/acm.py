@@ -8,7 +8,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.interval import PARAMETERS
-from mbaid_ros.replay.saved import Identified
+from mbaid_ros.replay.read_back import Identified
 
 # The standard writes the products with a minus sign into the matrix (annex F6): they are opposite to its elements.
 _SIGNS = np.array([1.0, 1.0, 1.0, 1.0, 1.0, -1.0, -1.0, 1.0, -1.0, 1.0])

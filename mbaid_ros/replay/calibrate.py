@@ -28,8 +28,9 @@ from mbaid_ros.errors import DataError, ModelError, ParameterError, listing
 from mbaid_ros.files import write_text
 from mbaid_ros.replay.calibration_text import Calibrated, summary, why_not
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.json_output import check_outputs, passive_joints, plain, shaped, shaped_momentum, write_results
+from mbaid_ros.replay.json_output import passive_joints, plain, shaped, shaped_momentum
 from mbaid_ros.replay.one_bag import read_motions
+from mbaid_ros.replay.writers import check_outputs, write_results
 from mbaid_ros.session.catalogue import declaration
 from mbaid_ros.session.robot import declared_mass
 

@@ -26,8 +26,8 @@ from mbaid_ros.files import as_utf8, require_writable, write_text
 from mbaid_ros.replay.acm import acm
 from mbaid_ros.replay.json_output import matrix, shaped
 from mbaid_ros.replay.provenance import sha256_of
-from mbaid_ros.replay.results import Run
-from mbaid_ros.replay.saved import Identified, read_identified
+from mbaid_ros.replay.read_back import Identified, read_identified
+from mbaid_ros.replay.whole_run import Run
 
 
 @dataclass(frozen=True)

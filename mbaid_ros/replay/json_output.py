@@ -1,12 +1,9 @@
-"""A replay's result as JSON, which scripts rely on, and where an executable writes its results."""
+"""A replay's result as JSON, which scripts rely on."""
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -22,37 +19,11 @@ from mbaid_ros.core.results.estimate import PassiveJoint
 from mbaid_ros.core.results.noise_levels import CHANNELS, NoiseLevels
 from mbaid_ros.core.target import Debris
 from mbaid_ros.core.tracked_target import TargetAtCapture
-from mbaid_ros.files import as_utf8, require_writable, write_text
 from mbaid_ros.parameters import values_of
-from mbaid_ros.replay.results import Run
+from mbaid_ros.replay.whole_run import Run
 from mbaid_ros.session.continuation import continuation_as_json
 
-STDOUT = '-'
 _NOT_ALONE = '# This file alone does not give the same result: readings or the robot description were converted, too.'
-
-
-def check_outputs(arguments: argparse.Namespace, *options: str) -> None:
-    """Refuse, before the long work, files of options that could not be written after it."""
-    for option in ('json', 'report', *options):
-        path = getattr(arguments, option.replace('-', '_'), None)
-        if option != 'json' or path != STDOUT:
-            require_writable(f'--{option}', path)
-
-
-def write_results(
-    arguments: argparse.Namespace, content: Any, summary: Callable[[], str], page: Callable[[], str] | None = None
-) -> None:
-    """Write the JSON of a content and its report where asked for; print the JSON or else the summary."""
-    text = json.dumps(content, allow_nan=False, ensure_ascii=False) + '\n'
-    # Files first: a reader of the output may leave early (`| head`).
-    if arguments.json and arguments.json != STDOUT:
-        write_text(arguments.json, text)
-    if page is not None and arguments.report:
-        write_text(arguments.report, page())
-    if arguments.json == STDOUT:
-        sys.stdout.write(as_utf8(text))
-    else:
-        print(summary())
 
 
 # -- JSON: plain numbers in the shapes that scripts rely on, None for unknown values

@@ -10,24 +10,19 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from mbaid_ros.bags import BAG_TYPES, BagReader, BagWriter, Batch
+from mbaid_ros.bags import BagReader, Batch
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
-from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.pipeline import Estimator
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import Samples, stamps_of
-from mbaid_ros.core.target import Debris
 from mbaid_ros.errors import DataError
-from mbaid_ros.estimate_messages import Frames, Publications
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.kept import Kept
-from mbaid_ros.replay.results import Arrivals, Run, TopicStatistics
+from mbaid_ros.replay.run_of_session import Kept
+from mbaid_ros.replay.whole_run import Arrivals, Run, TopicStatistics
+from mbaid_ros.replay.writers import EstimateWriter
 from mbaid_ros.session.explanation import intake_warnings
 from mbaid_ros.session.session import Session
 from mbaid_ros.tasks import Method
-
-ESTIMATE_TOPIC = '/estimator/estimate'
-_DEBRIS = '/estimator/debris'
 
 # How the calls are spread does not change the numbers; this many messages keep the arrays long and the memory short.
 _MESSAGES_AT_ONCE = 4_000
@@ -71,26 +66,6 @@ def progress_bar(bag: str) -> Iterator[Progress]:
             bar.update(done - bar.n)
 
         yield advance
-
-
-class EstimateWriter:
-    """Writes estimates into an open bag, with the messages and names of the estimator node.
-
-    `with_debris` declares the topic of the captured body alone, too.
-    """
-
-    def __init__(self, bag: BagWriter, *, with_debris: bool = False) -> None:
-        self._bag, self._publications = bag, Publications(BAG_TYPES)
-        for topic in (ESTIMATE_TOPIC, _DEBRIS) if with_debris else (ESTIMATE_TOPIC,):
-            bag.add_topic(topic, 'mbaid_msgs/msg/InertiaEstimate', latched=True)
-        bag.add_topic('/estimator/inertia', 'geometry_msgs/msg/InertiaStamped', latched=True)
-
-    def write(
-        self, estimate: Estimate, frames: Frames, alone: Debris | None = None, capture: Capture | None = None
-    ) -> None:
-        """Write an estimate at the stamp of the last sample it uses, and the captured body alone where it is given."""
-        for name, message in self._publications.messages_of(estimate, frames, alone, capture):
-            self._bag.write(f'/estimator/{name}', message, max(0, estimate.stamp))
 
 
 def replay_bag(

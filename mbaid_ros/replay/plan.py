@@ -26,10 +26,11 @@ from mbaid_ros.files import write_text
 from mbaid_ros.parameters import build
 from mbaid_ros.planning.planned_motion import Plan
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.json_output import check_outputs, plain, write_results
+from mbaid_ros.replay.json_output import plain
 from mbaid_ros.replay.one_bag import progress_bar, replay_bag
 from mbaid_ros.replay.provenance import made_by
-from mbaid_ros.replay.results import Run
+from mbaid_ros.replay.whole_run import Run
+from mbaid_ros.replay.writers import check_outputs, write_results
 from mbaid_ros.session.planning import make_planner
 
 TOPIC, TYPE = '/joint_trajectory', 'trajectory_msgs/msg/JointTrajectory'

@@ -26,12 +26,13 @@ from mbaid_ros.errors import DataError, ParameterError
 from mbaid_ros.files import write_text
 from mbaid_ros.parameters import build
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.json_output import as_json, check_outputs, parameter_file, write_results
-from mbaid_ros.replay.one_bag import EstimateWriter, progress_bar, replay_bag
+from mbaid_ros.replay.json_output import as_json, parameter_file
+from mbaid_ros.replay.one_bag import progress_bar, replay_bag
 from mbaid_ros.replay.provenance import hashes, made_by
-from mbaid_ros.replay.results import DEFAULT_FRACTION, LONG_ENOUGH, Holdout, Run, holdout_of
-from mbaid_ros.replay.saved import Truth, read_truth, truth_beside
+from mbaid_ros.replay.read_back import Truth, read_truth, truth_beside
 from mbaid_ros.replay.text import texts
+from mbaid_ros.replay.whole_run import DEFAULT_FRACTION, LONG_ENOUGH, Holdout, Run, holdout_of
+from mbaid_ros.replay.writers import EstimateWriter, check_outputs, write_results
 
 T = TypeVar('T')
 

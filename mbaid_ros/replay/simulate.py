@@ -21,7 +21,7 @@ from mbaid_ros.errors import ParameterError
 from mbaid_ros.files import write_text
 from mbaid_ros.parameters import build, values_of
 from mbaid_ros.replay.json_output import shaped
-from mbaid_ros.replay.saved import TRUTH_FILE
+from mbaid_ros.replay.read_back import TRUTH_FILE
 from mbaid_ros.simulated_run import SimulatedRun
 
 NODE = 'simulator'

@@ -19,7 +19,7 @@ from mbaid_ros.core.results.estimate import WITHHELD, Estimate
 from mbaid_ros.core.results.identifiable import imprecise
 from mbaid_ros.core.samples import JOINT_MISSING
 from mbaid_ros.errors import listing
-from mbaid_ros.replay.results import Run
+from mbaid_ros.replay.whole_run import Run
 
 _EVENTS = 5  # that a terminal shows
 

@@ -10,7 +10,8 @@ from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.robot.urdf import replace_inertial
 from mbaid_ros.errors import DataError, ParameterError
 from mbaid_ros.joint_trajectory import JointTrajectory
-from mbaid_ros.planning.collisions import Collisions, JointEfforts, no_mesh
+from mbaid_ros.planning.collisions import Collisions, no_mesh
+from mbaid_ros.planning.efforts import JointEfforts
 from mbaid_ros.planning.requirements import BaseLimits, JointLimits, joint_limits, speed_held
 from mbaid_ros.planning.splines import Splines
 from mbaid_ros.session.robot import mesh_points

@@ -27,8 +27,8 @@ from mbaid_ros.estimate_messages import Frames, estimate_message
 from mbaid_ros.replay.arguments import export as main
 from mbaid_ros.replay.export import box_sizes
 from mbaid_ros.replay.json_output import as_json
-from mbaid_ros.replay.one_bag import EstimateWriter
 from mbaid_ros.replay.provenance import made_by
+from mbaid_ros.replay.writers import EstimateWriter
 from simulated import CONFIG
 
 TURNS = [[0.0, 0.0, 0.0], [0.4, -1.1, 2.0], [1.2, np.pi / 2, -0.3], [0.0, 0.0, 3.1], [-2.0, 0.7, 0.1]]

@@ -18,7 +18,7 @@ from mbaid_ros.replay import plan as planning
 from mbaid_ros.replay.arguments import plan as main
 from mbaid_ros.replay.arguments import replay, simulate
 from mbaid_ros.replay.one_bag import replay_bag
-from mbaid_ros.replay.results import Run
+from mbaid_ros.replay.whole_run import Run
 from simulated import CONFIG, NOISE, assigned, options
 
 MODEL = ['--model', str(CONFIG / 'servicer7.urdf')]

@@ -18,9 +18,9 @@ from made_runs import BODY, HOSTILE, STD, estimate, event, hostile_urdf, planar,
 from mbaid_ros.core.results.estimate import Estimate, PassiveJoint
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.replay.arguments import replay as main
+from mbaid_ros.replay.read_back import Truth
 from mbaid_ros.replay.report.page import html
-from mbaid_ros.replay.results import Run
-from mbaid_ros.replay.saved import Truth
+from mbaid_ros.replay.whole_run import Run
 from mbaid_ros.session.model_summary import summarise
 from simulated import CONFIG
 

@@ -18,8 +18,9 @@ from mbaid_ros.config.parameter_files import load_parameter_file
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.parameters import build
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.one_bag import ESTIMATE_TOPIC, replay_bag
-from mbaid_ros.replay.results import Run
+from mbaid_ros.replay.one_bag import replay_bag
+from mbaid_ros.replay.whole_run import Run
+from mbaid_ros.replay.writers import ESTIMATE_TOPIC
 from simulated import CONFIG, robot
 
 BAGS = ROOT / 'bags'

@@ -17,7 +17,7 @@ from mbaid_ros.config.parameter_files import load_parameter_file, read_robot_des
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.errors import MbaidError, ModelError
 from mbaid_ros.parameters import build
-from mbaid_ros.replay.saved import read_identified, read_truth, truth_beside
+from mbaid_ros.replay.read_back import read_identified, read_truth, truth_beside
 from mbaid_ros.session.model_summary import summarise
 from mbaid_ros.session.robot import mesh_points
 

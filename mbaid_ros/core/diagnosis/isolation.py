@@ -33,7 +33,8 @@ from mbaid_ros.core.odometry.model import OF_TWIST, marker_text, vibration
 from mbaid_ros.core.passive.model import swinging_text
 from mbaid_ros.core.repair import Conversion, Repair, widened
 from mbaid_ros.core.results.estimate import PULSE
-from mbaid_ros.core.results.verdict import FOUND_NOISE, LARGEST_NIS, Cause, Innovations, Verdict, too_small
+from mbaid_ros.core.results.innovations import Innovations
+from mbaid_ros.core.results.verdict import FOUND_NOISE, LARGEST_NIS, Cause, Verdict, too_small
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
 from mbaid_ros.core.state import BODY, Declared, Layout, Point
@@ -41,7 +42,7 @@ from mbaid_ros.core.target import target_changed_text
 from mbaid_ros.core.windows import Window, without_twist
 from mbaid_ros.tasks import AT_ONCE, Kind, Tasks, Work, outcome_or_none
 
-# Log-likelihood, the odds of bank.MARGIN: a smaller gain is not reported, and a smaller lead is no lead.
+# Log-likelihood, the odds of hypotheses.MARGIN: a smaller gain is not reported, and a smaller lead is no lead.
 WORTH = 10.0
 _TOO_SMALL = 1.3  # times the declared noise, from which the declared one is wrong: declarations are no better
 # Share that counts of the gain of a cause without a mechanism: where both explain all, one with a mechanism leads.

@@ -13,7 +13,7 @@ from mbaid_ros.core.contracts import Axes
 from mbaid_ros.core.filter.linearise import WhitenedWindow
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.odometry.model import BorderNoise
-from mbaid_ros.core.results.verdict import Innovations
+from mbaid_ros.core.results.innovations import Innovations
 from mbaid_ros.core.state import OPEN_LENGTH, Point, Variables
 
 _BLOCK = 12  # columns that LAPACK reflects together: as many as a window has rows

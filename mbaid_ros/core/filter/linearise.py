@@ -1,8 +1,4 @@
-"""The state at a window's first knot, and the point that windows are linearised at.
-
-State: pose error xi (6), total momentum P, L (6), target body phi (10), then the unknowns of the nominal model in units
-of their priors: first those that the prediction depends on, then those of the readings alone.
-"""
+"""Windows linearised: the twist predicted from the momentum, integrated along a window, all rows whitened."""
 
 from __future__ import annotations
 

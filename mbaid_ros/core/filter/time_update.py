@@ -1,4 +1,4 @@
-"""The time update: random walks, Gauss-Markov processes, forgetting, and what a gap does to the state."""
+"""The time update: random walks, Gauss-Markov processes, the effect of a gap; the past is eliminated here."""
 
 from __future__ import annotations
 

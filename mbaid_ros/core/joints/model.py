@@ -1,4 +1,4 @@
-"""Errors of joints: zeros, origins, axes, tracking, gears, and encoder noise in the rows of a window."""
+"""Errors of joints: zeros, origins, axes, tracking, lags, gears (once a turn), and encoder noise in a window's rows."""
 
 from __future__ import annotations
 

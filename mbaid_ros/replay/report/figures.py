@@ -11,10 +11,10 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.interval import BAND, PARAMETERS
 from mbaid_ros.core.results.estimate import Estimate, determined
 from mbaid_ros.core.results.identifiable import LARGEST_RESIDUAL
+from mbaid_ros.replay.read_back import Truth
 from mbaid_ros.replay.report.markup import SERIES, TIME, Colour, curve, entitle, legend, level, new_axes, scale, svg
 from mbaid_ros.replay.report.tables import SHOWN_UNITS
-from mbaid_ros.replay.results import Run
-from mbaid_ros.replay.saved import Truth
+from mbaid_ros.replay.whole_run import Run
 
 _PLOTTED = 800  # points of a curve: more than a screen resolves
 _SHORTEST = 1e-9  # s, that a time axis spans

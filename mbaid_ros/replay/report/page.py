@@ -12,6 +12,7 @@ from mbaid_ros.core.results.estimate import determined
 from mbaid_ros.parameters import values_of
 from mbaid_ros.replay import provenance
 from mbaid_ros.replay.json_output import events
+from mbaid_ros.replay.read_back import Truth
 from mbaid_ros.replay.report import figures
 from mbaid_ros.replay.report.markup import (
     NO_NUMBER,
@@ -36,9 +37,8 @@ from mbaid_ros.replay.report.tables import (
     noise,
     sensors,
 )
-from mbaid_ros.replay.results import Run
-from mbaid_ros.replay.saved import Truth
 from mbaid_ros.replay.text import likely_causes, method, offered_repair, verdict
+from mbaid_ros.replay.whole_run import Run
 
 _GOOD = {'converged', 'estimating'}
 

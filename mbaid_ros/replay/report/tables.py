@@ -15,7 +15,7 @@ from mbaid_ros.core.results.noise_levels import CHANNELS, NoiseLevels
 from mbaid_ros.core.results.noise_levels import UNITS as CHANNEL_UNITS
 from mbaid_ros.errors import listing
 from mbaid_ros.replay.report.markup import PLUS_MINUS, estimates, folded, listed, number, paragraph, table, text
-from mbaid_ros.replay.results import Run
+from mbaid_ros.replay.whole_run import Run
 
 SHOWN_UNITS = tuple(unit.replace('^2', '\N{SUPERSCRIPT TWO}') for unit in UNITS)
 MOMENTUM = ('linear x', 'linear y', 'linear z', 'angular x', 'angular y', 'angular z')

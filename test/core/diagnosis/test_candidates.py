@@ -13,7 +13,7 @@ import pytest
 from mbaid_ros.core.contracts import UNDISTURBED, Hypothesis
 from mbaid_ros.core.diagnosis.isolation import CandidateCause, CandidateCauses, IsolationResult, _text_of
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.verdict import Innovations
+from mbaid_ros.core.results.innovations import Innovations
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.state import Declared, Layout
 from mbaid_ros.core.windows import AFTER, BEFORE, Window

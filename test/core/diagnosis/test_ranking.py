@@ -18,7 +18,7 @@ from mbaid_ros.core.diagnosis.isolation import (
     likeliest_kinds,
     ranked,
 )
-from mbaid_ros.core.results.verdict import BASE_SENSORS, Innovations
+from mbaid_ros.core.results.innovations import BASE_SENSORS, Innovations
 from mbaid_ros.tasks import Work
 
 Row = tuple[float, str]  # gain, and kind: a thing, an error of the twist, or a walk without a mechanism

@@ -21,8 +21,8 @@ from mbaid_ros.replay.json_output import as_json, passive_joints
 from mbaid_ros.replay.one_bag import replay_bag
 from mbaid_ros.replay.replay import exit_code
 from mbaid_ros.replay.report.page import html
-from mbaid_ros.replay.results import Arrivals, History, Run, TopicStatistics, holdout_of
 from mbaid_ros.replay.text import summary
+from mbaid_ros.replay.whole_run import Arrivals, History, Run, TopicStatistics, holdout_of
 from simulated import robot
 
 
