@@ -80,7 +80,7 @@ def test_the_json_has_what_scripts_rely_on(output: Path, bag: str) -> None:
     assert list(result) == [
         *('bag', 'method', 'stage', 'target_link', 'status', 'estimate', 'std', 'covariance', 'error_budget'),
         *('unchecked', 'identifiable', 'momentum', 'time_offset', 'noise', 'flexible', 'thrusters', 'events'),
-        *('residual', 'holdout', 'causes', 'repairs', 'capture'),
+        *('residual', 'holdout', 'causes', 'repairs', 'sensors', 'capture'),
         *('debris', 'samples', 'span_s', 'warnings', 'model', 'made_by', 'advice', 'continuation', 'history'),
     ]
     assert result['bag'] == bag
