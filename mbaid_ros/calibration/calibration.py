@@ -15,7 +15,7 @@ from mbaid_ros.core.forces import Thrusters
 from mbaid_ros.core.geometry import Array, Flags, skew
 from mbaid_ros.core.links import known_bodies
 from mbaid_ros.core.method import thrusters
-from mbaid_ros.core.results.verdict import widening
+from mbaid_ros.core.results.innovations import widening
 from mbaid_ros.core.robot.body import project
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import MomentumKernel, unknown_scale

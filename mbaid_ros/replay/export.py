@@ -7,7 +7,7 @@ import json
 import math
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 from xml.etree import ElementTree as ET
 
@@ -18,7 +18,7 @@ from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line, warn
 from mbaid_ros.config.parameter_files import read_robot_description
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, unvec, vec
 from mbaid_ros.core.interval import PARAMETERS
-from mbaid_ros.core.robot.body import is_physical, physical, standard
+from mbaid_ros.core.robot.body import is_physical, physical, principal, standard
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf import replace_inertial
 from mbaid_ros.errors import DataError, ParameterError, listing
@@ -28,26 +28,6 @@ from mbaid_ros.replay.json_output import matrix, shaped
 from mbaid_ros.replay.provenance import sha256_of
 from mbaid_ros.replay.read_back import Identified, read_identified
 from mbaid_ros.replay.whole_run import Run
-
-
-@dataclass(frozen=True)
-class Principal:
-    """Principal moments (3,) kg m^2, ascending, and axes: columns of a (3, 3) rotation in the link's frame."""
-
-    moments: Array
-    axes: Array
-
-
-def principal(parameters: Array) -> Principal:
-    """Return the principal axes of (10,) parameters (m, r_c, I_c), right-handed.
-
-    The largest component of an axis is positive, so that small changes do not flip it; the third completes the others.
-    """
-    moments, axes = np.linalg.eigh(unvec(parameters[4:]))
-    largest = axes[np.argmax(np.abs(axes), axis=0), np.arange(3)]
-    axes = axes * np.where(largest < 0.0, -1.0, 1.0)
-    axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
-    return Principal(moments, axes)
 
 
 def ellipsoid_radii(mass: float, moments: Array) -> Array:

@@ -1,4 +1,4 @@
-"""An IMU: its gyro reads the true angular velocity with noise, a bias that walks, and scales of its own."""
+"""Encoders, navigation and IMU: their readings of the true motion, and when each is read."""
 
 from __future__ import annotations
 

@@ -12,6 +12,8 @@ from mbaid_ros.core.results.estimate import SensorFit
 
 # In the order of a pose's and a twist's numbers.
 BASE_SENSORS = ('base_orientation', 'base_position', 'base_angular_velocity', 'base_linear_velocity')
+# Standard deviations from which a deviation of the innovations is no accident: one in a billion.
+SIGNIFICANT = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,3 +96,15 @@ class Innovations:
     def correlation_significance(self) -> Array:
         """How many of its standard deviations, the ratio over sqrt(n), each of these is, (s,)."""
         return self.correlation / np.maximum(self.ratio, 1.0) * np.sqrt(self.pairs)
+
+
+def widening(innovations: Innovations, nis: float) -> float:
+    """Return by how much variances grow: innovations larger than declared, and correlated from window to window.
+
+    The variance of a mean of correlated numbers is 1 + 2 (r_1 + r_2 + ...) times as large (Newey and West 1987); with
+    r_k = r^k that is (1 + r) / (1 - r).
+    """
+    significant = innovations.correlation_significance > 0.5 * SIGNIFICANT
+    correlation = float(np.max(np.where(significant, innovations.correlation, 0.0)))
+    correlation = min(max(correlation, 0.0), 0.9)
+    return max(1.0, nis) * (1.0 + correlation) / (1.0 - correlation)

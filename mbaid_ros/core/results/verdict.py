@@ -13,15 +13,13 @@ from mbaid_ros.core.geometry import Array, Flags, chi_square_limit
 from mbaid_ros.core.interval import PARAMETERS
 from mbaid_ros.core.repair import Repair, Setting
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Status
-from mbaid_ros.core.results.innovations import BASE_SENSORS, Innovations
+from mbaid_ros.core.results.innovations import BASE_SENSORS, SIGNIFICANT, Innovations, widening
 
 Severity = Literal['note', 'contradiction', 'conflict']
 # Parameters with which the noise found in the readings takes the place of the declared one.
 FOUND_NOISE: Mapping[str, Setting] = {'noise.estimate': True}
 # Mean normalised innovation squared, of all or of one sensor, from which the model is wrong, the run not just unlucky.
 LARGEST_NIS = 1.5
-# Standard deviations from which a deviation of the innovations is no accident: one in a billion.
-_SIGNIFICANT = 6.0
 # Correlation of neighbouring windows from which the noise is not white enough for the intervals.
 _LARGEST_CORRELATION = 0.25
 # A declaration is wrong where the data see a thing farther off than chance allows, both as declared and at twice that;
@@ -174,7 +172,7 @@ def judge(evidence: Evidence) -> Verdict:
             f'the model does not explain the data: innovations {np.sqrt(evidence.nis):.1f} times the noise, '
             f'{evidence.jumps} jumps of the momentum'
         )
-    elif np.any((innovations.ratio > LARGEST_NIS) & (innovations.ratio_significance > _SIGNIFICANT)):
+    elif np.any((innovations.ratio > LARGEST_NIS) & (innovations.ratio_significance > SIGNIFICANT)):
         reasons.append('the noise of a sensor is not as declared')
     if evidence.unconfirmed:
         times = ', '.join(f'{time:.1f}' for time in evidence.unconfirmed)
@@ -184,9 +182,7 @@ def judge(evidence: Evidence) -> Verdict:
     what, gain = evidence.instead
     if evidence.hypothesis and evidence.physical and gain > evidence.gain:
         reasons.append(f'{evidence.hypothesis}, or {what} is declared too precisely: so far the data agree with either')
-    correlated = (innovations.correlation > _LARGEST_CORRELATION) & (
-        innovations.correlation_significance > _SIGNIFICANT
-    )
+    correlated = (innovations.correlation > _LARGEST_CORRELATION) & (innovations.correlation_significance > SIGNIFICANT)
     if np.any(correlated):
         reasons.append('the innovations of neighbouring windows are correlated: the intervals would be too narrow')
     far = [what for what, distance in evidence.distances.items() if _too_far(distance)]
@@ -203,18 +199,6 @@ def is_suspect(distance: Distance) -> bool:
 def _too_far(distance: Distance) -> bool:
     square, twice, degrees = distance
     return degrees > 0 and square > chi_square_limit(_NEVER, degrees) and twice > chi_square_limit(_NOT_TWICE, degrees)
-
-
-def widening(innovations: Innovations, nis: float) -> float:
-    """Return by how much variances grow: innovations larger than declared, and correlated from window to window.
-
-    The variance of a mean of correlated numbers is 1 + 2 (r_1 + r_2 + ...) times as large (Newey and West 1987); with
-    r_k = r^k that is (1 + r) / (1 - r).
-    """
-    significant = innovations.correlation_significance > 0.5 * _SIGNIFICANT
-    correlation = float(np.max(np.where(significant, innovations.correlation, 0.0)))
-    correlation = min(max(correlation, 0.0), 0.9)
-    return max(1.0, nis) * (1.0 + correlation) / (1.0 - correlation)
 
 
 def too_small(noise: Collection[str], times: float) -> str:
@@ -236,7 +220,7 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
     innovations = evidence.innovations
     for place, sensor in enumerate(innovations.sensors):
         ratio, count = float(innovations.ratio[place]), float(innovations.count[place])
-        if innovations.ratio_significance[place] > _SIGNIFICANT:
+        if innovations.ratio_significance[place] > SIGNIFICANT:
             gain = 0.5 * count * (ratio - 1.0 - np.log(ratio))
             of_base = sensor in BASE_SENSORS
             noise = {f'noise.{sensor}': 0.0} if of_base else evidence.noises.get(sensor, {sensor: 0.0})
@@ -246,7 +230,7 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
             noisy = Repair(text, FOUND_NOISE if of_base else wider, value=times) if of_base or wider else None
             causes.append(Cause(f'{text}, or the model is wrong', gain, noisy))
         correlation = float(innovations.correlation[place])
-        if innovations.correlation_significance[place] > _SIGNIFICANT:
+        if innovations.correlation_significance[place] > SIGNIFICANT:
             relative = correlation / max(ratio, 1.0)
             gain = -0.5 * float(innovations.pairs[place]) * np.log(max(1.0 - relative**2, 1e-3))
             remedy = 'set noise.base_correlation_time' if sensor in BASE_SENSORS else 'look at its driver'

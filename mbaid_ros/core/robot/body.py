@@ -292,3 +292,23 @@ def body_size(parameters: Array) -> float:
     trace = np.sum(np.where(np.isfinite(moments), moments, np.nan_to_num(moments).max()))
     square = 2.0 * trace / parameters[0] if parameters[0] > 0.0 else 0.0
     return min(float(np.sqrt(square)), LENGTH) if square > 0.0 else LENGTH
+
+
+@dataclass(frozen=True)
+class Principal:
+    """Principal moments (3,) kg m^2, ascending, and axes: columns of a (3, 3) rotation in the link's frame."""
+
+    moments: Array
+    axes: Array
+
+
+def principal(parameters: Array) -> Principal:
+    """Return the principal axes of (10,) parameters (m, r_c, I_c), right-handed.
+
+    The largest component of an axis is positive, so that small changes do not flip it; the third completes the others.
+    """
+    moments, axes = np.linalg.eigh(unvec(parameters[4:]))
+    largest = axes[np.argmax(np.abs(axes), axis=0), np.arange(3)]
+    axes = axes * np.where(largest < 0.0, -1.0, 1.0)
+    axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
+    return Principal(moments, axes)

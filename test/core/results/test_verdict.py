@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.innovations import BASE_SENSORS, Innovations
-from mbaid_ros.core.results.verdict import Distance, Evidence, Verdict, judge, widening
+from mbaid_ros.core.results.innovations import BASE_SENSORS, Innovations, widening
+from mbaid_ros.core.results.verdict import Distance, Evidence, Verdict, judge
 
 SOURCES = tuple(name for name in (*BASE_SENSORS, 'imu') for _ in range(3))  # in space
 NUMBERS = len(SOURCES)

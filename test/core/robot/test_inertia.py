@@ -10,10 +10,10 @@ import pytest
 from checked import central_difference
 from mbaid_ros.core.geometry import Array, exp, skew, unvec, vec
 from mbaid_ros.core.links import BodyDeviations, calibrated_errors, independent_errors
-from mbaid_ros.core.robot.body import body_sizes, physical, physical_jacobian, pseudo_inertia, standard
+from mbaid_ros.core.robot.body import body_sizes, physical, physical_jacobian, principal, pseudo_inertia, standard
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import MomentumKernel
-from mbaid_ros.replay.export import box_sizes, ellipsoid_radii, principal
+from mbaid_ros.replay.export import box_sizes, ellipsoid_radii
 
 SEEDS = range(5)
 
