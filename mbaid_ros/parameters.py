@@ -254,7 +254,7 @@ def specification(name: str, cls: type) -> ParameterSpec:
     known = [*specifications(cls), *named_specifications(cls)]
     beginning = name[: 2 * max(map(len, known), default=0)]  # comparing takes the square of the length
     known.sort(key=lambda other: -difflib.SequenceMatcher(None, beginning, other).ratio())
-    raise ParameterError(f'unknown parameter {shown(name)}; known: {listing(known, limit=len(known))}')
+    raise ParameterError(f'unknown parameter {shown(name)}; known: {listing(known)}')
 
 
 def _fits(name: str, pattern: str) -> bool:

@@ -104,7 +104,7 @@ def test_a_log_that_cannot_be_used_is_one_line(
     assert 'is no MAT file; accepted: version 5 to 7' in convert(log)
     for content, text in (
         ({'rt_tout': np.zeros(3)}, "lacks the variable 'rt_dataPacket'"),
-        ({'rt_dataPacket': np.zeros((5, 64))}, 'accepted: rows of 65 numbers'),
+        ({'rt_dataPacket': np.zeros((5, 64))}, 'accepted: rows of 65 or 71 numbers'),
         ({'rt_dataPacket': np.zeros((5, 65))}, f'no {COMMANDS_FILE} in a folder above'),
     ):
         savemat(log, content)

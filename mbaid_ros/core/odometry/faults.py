@@ -45,6 +45,7 @@ FITTED = 2.0  # times as well as any other, that a convention with numbers of it
 _MILLIMETRE = 1e-3  # m: a unit
 Meanings = Iterator[tuple[float, str, Array]]  # times as well that it has to explain the data, in words, (W, k) steps
 _CLEARLY = 30.0  # standard deviations, that an axis moves by at least for its scale to be found
+_LARGEST_AXIS_SCALE = 5.0  # of one axis: a larger one, or its inverse, is a misfit of the axes
 _OTHER_SCALE = 0.1  # relative, of one axis: a smaller one is a scale error, and an unknown
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # cyclic neighbours of the three axes
 # Windows before a first comparison, and part of those compared before that come before the next: fewer add little; the
@@ -290,6 +291,8 @@ def axes_between(step: Array, read: Array, noise: Array) -> tuple[Array, str]:
     for order in permutations(range(3)):
         own = products[range(3), order], squares[list(order)]
         scale = own[0] / np.maximum(own[1], 1e-300)
+        if np.any(np.abs(np.log(np.abs(scale) + 1e-300)) > np.log(_LARGEST_AXIS_SCALE)):
+            continue
         meant = read[:, order] * scale
         left = float(np.sum((step - meant) ** 2))
         if left < best:
