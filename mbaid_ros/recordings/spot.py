@@ -43,8 +43,11 @@ def read_spot_2021(path: Path, commands: Path | None = None) -> Recording:
     position = np.column_stack((table[:, _POSITION_2021], np.zeros(len(table))))
     poses = Poses(time, position, turned_about_z(table[:, _HEADING_2021]), nothing)
     # Of commands, which are known at any time, a log of few poses has few.
-    often = time if np.median(np.diff(time)) < 2.0 * _PERIOD else np.arange(time[0], time[-1], _PERIOD)
+    sparse = len(time) > 1 and np.median(np.diff(time)) >= 2.0 * _PERIOD
+    often = np.arange(time[0], time[-1], _PERIOD) if sparse else time
     joints = Joints(JOINTS, often, _commanded(primal, often - _ARM, path))
+    if len(time) < 2:
+        raise DataError(f"'{path}' has {len(time)} rows of increasing time and finite poses; accepted: two or more")
     return Recording(
         joints,
         poses,

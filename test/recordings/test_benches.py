@@ -111,6 +111,8 @@ def test_a_log_that_cannot_be_used_is_one_line(
         assert text in convert(log)
     savemat(commands, {'primal': {'time': np.arange(3.0), 'states': np.zeros((4, 3))}})
     assert 'primal.states of shape (4, 3)' in convert(log, '--commands', str(commands))
+    savemat(commands, {'primal': {'time': np.arange(3.0), 'states': np.zeros((12, 3))}})
+    assert '1 rows of increasing time' in convert(log, '--commands', str(commands))
     savemat(commands, {'primal': 'nothing'})
     assert 'no primal.time' in convert(log, '--commands', str(commands))
     log.write_bytes(bench_2021[0].log.read_bytes()[:3000])
