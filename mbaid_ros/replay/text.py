@@ -47,6 +47,7 @@ def summary(run: Run) -> str:
     if final.budget is not None and not run.contradicted:
         budget = {MAIN_CAUSES: final.budget.main_causes(final.std), UNOBSERVABLE: final.budget.unobservable()}
         rows += [f'  {what}: {one_line(causes)}' for what, causes in budget.items() if causes]
+    rows += [f'  assumed: {run.assumption}'] if run.assumption else []
     rows += [f'  next: {run.advice}'] if run.advice else []
     rows += [] if run.holdout is None else [f'  {run.holdout.sentence}']
     rows += [] if run.contradicted else [f'  passive joint: {one_line(str(joint))}' for joint in final.flexible]

@@ -119,6 +119,21 @@ class Run:
         return self.final.status != 'waiting' and bool(np.any(self.final.identifiable))
 
     @property
+    def assumption(self) -> str:
+        """What no data can show: momentum is conserved in any unit of mass.
+
+        Empty without numbers, or where a weighing, thrust or the momentum of wheels gives the unit.
+        """
+        given = ('known_links.total_mass', 'known_links.calibration', 'wheels.names', 'wheels.momentum_frame')
+        scaled = any(self.settings.get(name) for name in given) or bool(np.any(self.final.impulse != 0.0))
+        if self.model_summary is None or not self.reached or self.contradicted or scaled:
+            return ''
+        return (
+            f'mass and inertia are in proportion to the {self.model_summary.mass:.6g} kg of the robot description: '
+            'weigh the robot, and declare known_links.total_mass'
+        )
+
+    @property
     def contradicted(self) -> bool:
         """Whether the data contradict the model, so that no number must be trusted."""
         return self.final.contradicted

@@ -23,6 +23,7 @@ from mbaid_ros.replay.replay import exit_code
 from mbaid_ros.replay.report.page import html
 from mbaid_ros.replay.text import summary
 from mbaid_ros.replay.whole_run import Arrivals, History, Run, TopicStatistics, holdout_of
+from mbaid_ros.session.model_summary import ModelSummary
 from simulated import robot
 
 
@@ -218,3 +219,11 @@ def test_the_first_line_names_the_numbers_that_are_not_yet_precise() -> None:
     assert line.endswith('is estimated; numbers and intervals are valid; standard deviations above 1 %: mass')
     loose = run(wide, settings={**run(wide).settings, 'convergence.relative_std': 0.05})
     assert 'standard deviations above 5 %: none' in summary(loose)
+
+
+def test_numbers_rest_on_the_mass_of_the_robot_description_unless_it_was_weighed() -> None:
+    described = ModelSummary('r', 'base', 'hand', True, 633.0, 7, (), (), ())
+    assumed = '633 kg of the robot description: weigh the robot'
+    assert assumed in summary(run(model_summary=described))
+    assert assumed not in summary(run(model_summary=described, settings={'known_links.total_mass': 640.0}))
+    assert assumed not in summary(run(estimate(status='inconsistent'), model_summary=described))

@@ -70,6 +70,7 @@ def _section(run: Run, truth: Truth | None, name: str) -> str:
         _parameters(run, matching),
         '' if run.holdout is None else paragraph(f'{run.holdout.sentence.capitalize()}.', 'sentence'),
         '' if run.contradicted else error_budget(run.final),
+        paragraph(f'Assumed: {run.assumption}.', 'sentence') if run.assumption else '',
         paragraph(f'The motion that would help most: {run.advice}.', 'sentence') if run.advice else '',
         captured_body(run),
         before_the_capture(run),
