@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.filter.posterior import Posterior
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.target import Debris
+from mbaid_ros.estimate_messages import Frames
 from mbaid_ros.parameters import values_of
 from mbaid_ros.replay.whole_run import History, Run, TopicStatistics
-from mbaid_ros.replay.writers import Writer
 from mbaid_ros.session.explanation import missing_joints, sensor_rows
 from mbaid_ros.session.model_summary import ModelSummary
 from mbaid_ros.session.session import Session
+
+
+class Writer(Protocol):
+    """Takes every estimate of a run as it comes."""
+
+    def write(
+        self, estimate: Estimate, frames: Frames, alone: Debris | None = None, capture: Capture | None = None
+    ) -> None:
+        """Write an estimate."""
 
 
 class Kept:

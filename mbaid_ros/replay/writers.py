@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.bags.writer import BagWriter
@@ -19,15 +19,6 @@ from mbaid_ros.files import as_utf8, require_writable, write_text
 STDOUT = '-'
 ESTIMATE_TOPIC = '/estimator/estimate'
 _DEBRIS = '/estimator/debris'
-
-
-class Writer(Protocol):
-    """Takes every estimate of a run as it comes."""
-
-    def write(
-        self, estimate: Estimate, frames: Frames, alone: Debris | None = None, capture: Capture | None = None
-    ) -> None:
-        """Write an estimate."""
 
 
 class EstimateWriter:
