@@ -193,7 +193,9 @@ def shifted(messages: Said, change: Callable[[Any, float], None]) -> Said:
 
 def late(message: Any, _time: float) -> None:
     """Stamp a message 50 ms late."""
-    message.header.stamp.nanosec += 50_000_000
+    stamp = message.header.stamp
+    seconds, stamp.nanosec = divmod(stamp.nanosec + 50_000_000, 1_000_000_000)
+    stamp.sec += seconds
 
 
 def drifting(message: Any, time: float) -> None:
