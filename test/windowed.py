@@ -17,6 +17,7 @@ from mbaid_ros.core.odometry.model import IntegratedTwist, Measurement
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, Stamps
 from mbaid_ros.core.state import BODY, Layout, Point, Variables
 from mbaid_ros.core.windows import AFTER, BEFORE, Knots, Window, WindowNoise, averages
+from observed import MID
 
 LENGTH = 0.5  # s, of the window
 START = 4.0  # s
@@ -32,6 +33,20 @@ def window_of(samples: Samples, spacing: float, correlation_time: float = 0.0) -
     knots = averages([samples[int(first) : int(last)]], np.array([begin]), spacing, count, np.zeros(3))
     noise = WindowNoise(round(LENGTH * 100), JOINT, np.eye(6) * 1e-30, np.eye(6) * 1e-30, correlation_time)
     return Window(knots, slice(BEFORE, count - AFTER), spacing, noise, START, after_gap=False)
+
+
+def half_second_windows(samples: Samples) -> list[Window]:
+    """Return the windows between 1 and 23 s of samples read with the noise of MID."""
+    spacing, length = 0.05, 0.5
+    count = BEFORE + round(length / spacing) + AFTER
+    noise = WindowNoise(50, MID.joint_position, np.eye(6) * 1e-6, np.eye(6) * 1e-6, 0.0)
+    found = []
+    for start in np.arange(1.0, 23.0, length):
+        begin = start - BEFORE * spacing
+        first, last = np.searchsorted(samples.time, [begin - 1e-6, begin + count * spacing - 1e-6])
+        knots = averages([samples[int(first) : int(last)]], np.array([begin]), spacing, count, np.zeros(3))
+        found.append(Window(knots, slice(BEFORE, count - AFTER), spacing, noise, float(start), after_gap=False))
+    return found
 
 
 def residuals(model: WindowModel, x: Array) -> tuple[Array, Array, Array]:

@@ -651,7 +651,7 @@ class Instrument(NamedTuple):
     sensor: NamedSensor
     reader: Reader
     follower: Follower
-    numbers: Callable[[Any], Array]  # from N readings to the (N, k) numbers by which copies are told
+    numbers: Callable[[Any], Array]  # from N readings to the (N, k) numbers by which copies are recognised
 
 
 def stacked(windows: Sequence[Window]) -> list[Stack]:

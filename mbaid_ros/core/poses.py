@@ -528,7 +528,7 @@ def _reader(name: str, config: NamedPoseConfig, model: RobotModel, prefix: str) 
 
 
 def _frame(name: str, config: NamedPoseConfig, model: RobotModel, prefix: str) -> tuple[Array, Array, bool]:
-    """Return axes (3, 3) and origin (3,) of what a sensor locates in the base link's frame, and whether given.
+    """Return axes (3, 3) and origin (3,), in the base link's frame, of the frame a sensor locates, and whether given.
 
     Raises ParameterError: It is no link of the base, or its marker's orientation is no unit quaternion.
     """

@@ -23,7 +23,7 @@ from mbaid_ros.parameters import parameter
 NOT_A_POSE = 'the pose of the target is no pose'
 OTHER_FRAME = 'the pose of the target is in another frame'
 _UNUSED = 'the run goes on without the poses of the target'
-_LONGEST, _MOST = 120.0, 3000  # s, poses: what is further back, or more, adds little
+_LONGEST, _MOST = 120.0, 3000  # s, poses: older ones, or more, add little
 _REMEMBERED = 20_000  # poses
 _SHARP_CENTRE, _SHARP_RATIOS = 0.1, 0.1  # m, 1: standard deviations above which the motion leaves them open
 # Times the noise, from which inverted poses are tried, and those are not of a free body: by the noise as declared, and

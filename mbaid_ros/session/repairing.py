@@ -15,7 +15,7 @@ from mbaid_ros.parameters import build, values_of
 
 # Windows in a row that contradict the model before a repair: an impulse or a search for a start contradicts for less.
 _PERSISTENT = 16
-# The same, where several causes explain the data as well: more windows may tell them apart.
+# The same, where several causes explain the data as well: more windows may distinguish them.
 _AMBIGUOUS = 32
 _STRONG = 100.0  # log-likelihood of a cause, from which a run without a solution counts as contradicted
 MOST = 3  # repairs of a run, one after the other

@@ -1,4 +1,4 @@
-"""Further poses by name: interpolation between knots, rows in the filter, worlds of their own, what is refused."""
+"""Further poses by name: interpolation between knots, rows in the filter, worlds of their own, refusals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The target that was tracked before its capture: what is done with its poses, and what they are worth."""
+"""The target that was tracked before its capture: the use of its poses, and their worth."""
 
 from __future__ import annotations
 

@@ -233,7 +233,7 @@ def singles(joints: int) -> Iterator[Meaning]:
 
 
 def together(first: Meaning, second: Meaning) -> Meaning:
-    """Return the meaning of readings that have both: the first of the readings, the second of what comes out."""
+    """Return the meaning of readings that have both: the first of the readings, the second of its result."""
     columns, gains, zeros = second[:3]
     return first._replace(
         columns=first.columns[columns],

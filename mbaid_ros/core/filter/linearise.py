@@ -445,7 +445,7 @@ def _thrust_noise(stack: Stack, around: Midpoints, inside: slice) -> Array:
     by_pose[..., :3, :3] = by_pose[..., 3:, 3:] = -force
     by_pose[..., 3:, :3] = -torque - skew(place) @ force
     count = len(change)
-    knot = stack.pose_covariance * count / stack.samples  # where a pose is not measured, nothing tells what it adds
+    knot = stack.pose_covariance * count / stack.samples  # a pose that is not measured adds an unknown amount
     step = np.abs(np.subtract.outer(np.arange(count), np.arange(count))) * stack.windows[0].spacing
     times = np.array([window.noise.correlation_time for window in stack.windows])[:, None, None]
     correlation = np.where(times > 0.0, np.exp(-step / np.where(times > 0.0, times, 1.0)), np.eye(count))

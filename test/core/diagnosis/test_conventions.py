@@ -20,14 +20,12 @@ from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.robot.urdf import scale_inertials
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.windows import AFTER, BEFORE, Window, WindowNoise, averages
 from mbaid_ros.errors import ModelError
 from mbaid_ros.session.catalogue import conventions
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, configured_motion, kernel, observe, windows
 from simulated import CONFIG
-
-SPACING, LENGTH = 0.05, 0.5  # s, between knots, of a window
+from windowed import half_second_windows
 
 
 @cache
@@ -35,21 +33,9 @@ def measured() -> Samples:
     return observe(configured_motion('servicer7', 25.0, 100.0), MID, 3)
 
 
-def windows_of(samples: Samples) -> list[Window]:
-    count = BEFORE + round(LENGTH / SPACING) + AFTER
-    noise = WindowNoise(50, MID.joint_position, np.eye(6) * 1e-6, np.eye(6) * 1e-6, 0.0)
-    found = []
-    for start in np.arange(1.0, 23.0, LENGTH):
-        begin = start - BEFORE * SPACING
-        first, last = np.searchsorted(samples.time, [begin - 1e-6, begin + count * SPACING - 1e-6])
-        knots = averages([samples[int(first) : int(last)]], np.array([begin]), SPACING, count, np.zeros(3))
-        found.append(Window(knots, slice(BEFORE, count - AFTER), SPACING, noise, float(start), after_gap=False))
-    return found
-
-
 def texts(samples: Samples) -> list[str]:
     """Return the axes that samples may be in, the likeliest first."""
-    robot, windows = kernel('servicer7'), windows_of(samples)
+    robot, windows = kernel('servicer7'), half_second_windows(samples)
     declared, *fits = (fitted(windows, each, 2) for each in (Convention('', robot), *axis_conventions(robot)))
     likely = [fit for fit in fits if fit.exists and fit.misfit < fit.convention.misfit_left * declared.misfit]
     return [fit.convention.text for fit in sorted(likely, key=lambda fit: fit.misfit)]
@@ -111,7 +97,7 @@ def test_a_marker_declared_the_wrong_way_round_is_named_with_its_parameters() ->
 
 def likeliest(robot: MomentumKernel, samples: Samples, marker: AttachedFrame | None = None) -> str:
     *factories, _ = conventions(marker, '')  # all but other axes
-    windows, others = windows_of(samples), (each for mistaken in factories for each in mistaken(robot))
+    windows, others = half_second_windows(samples), (each for mistaken in factories for each in mistaken(robot))
     fits = [fitted(windows, each, 4) for each in (Convention('', robot), *others) if each.possible(windows)]
     return min((fit for fit in fits if fit.exists), key=lambda fit: fit.misfit).convention.text
 
@@ -272,7 +258,7 @@ ARM = tuple(f'link{index}' for index in range(1, 7))
 
 
 def test_a_link_in_grams_is_no_link_that_holds_the_body() -> None:
-    robot, windows = grams(1e3, 'link3'), windows_of(measured())
+    robot, windows = grams(1e3, 'link3'), half_second_windows(measured())
     held = mistaken(robot, 'the unknown body seems to be held by link3')
     assert not fitted(windows, held, 4).exists  # the link would be lighter with the body than without
     unit = mistaken(robot, 'link link3 is 1000 times as heavy')

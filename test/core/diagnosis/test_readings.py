@@ -13,8 +13,9 @@ import pytest
 from mbaid_ros.core.contracts import Convention
 from mbaid_ros.core.diagnosis.readings import mapped_joints, placed_bases, scaled_positions
 from mbaid_ros.core.geometry import Array, exp, mirror, rotation_from_quaternion
-from mbaid_ros.core.windows import AFTER, BEFORE, Window, WindowNoise, averages
+from mbaid_ros.core.windows import Window
 from observed import MID, configured_motion, kernel, observe
+from windowed import half_second_windows
 
 JOINTS = [f'joint{number}' for number in range(1, 8)]
 MOUNT = np.array([0.785, -0.873, 0.576, -0.1, 0.4, 0.2])  # rad, 75 degrees in all, and m
@@ -23,16 +24,7 @@ MOUNT = np.array([0.785, -0.873, 0.576, -0.1, 0.4, 0.2])  # rad, 75 degrees in a
 @cache
 def windows() -> tuple[Window, ...]:
     """Return 22 s of servicer7 in windows of half a second."""
-    samples, spacing, length = observe(configured_motion('servicer7', 25.0, 100.0), MID, 3), 0.05, 0.5
-    count = BEFORE + round(length / spacing) + AFTER
-    noise = WindowNoise(50, MID.joint_position, np.eye(6) * 1e-6, np.eye(6) * 1e-6, 0.0)
-    found = []
-    for start in np.arange(1.0, 23.0, length):
-        begin = start - BEFORE * spacing
-        first, last = np.searchsorted(samples.time, [begin - 1e-6, begin + count * spacing - 1e-6])
-        knots = averages([samples[int(first) : int(last)]], np.array([begin]), spacing, count, np.zeros(3))
-        found.append(Window(knots, slice(BEFORE, count - AFTER), spacing, noise, float(start), after_gap=False))
-    return tuple(found)
+    return tuple(half_second_windows(observe(configured_motion('servicer7', 25.0, 100.0), MID, 3)))
 
 
 def finished(work: Generator[int, None, list[Convention]]) -> list[Convention]:

@@ -9,6 +9,7 @@ import pytest
 
 from mbaid_ros.core.contracts import UNDISTURBED, Axes, Hypothesis
 from mbaid_ros.core.filter.gaussian import SquareRootInformation, update
+from mbaid_ros.core.filter.linearise import WhitenedWindow
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.filter.time_update import (
     advance,
@@ -18,7 +19,7 @@ from mbaid_ros.core.filter.time_update import (
     pose_reset,
 )
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.state import ANGULAR, LINEAR
+from mbaid_ros.core.state import ANGULAR, LINEAR, Variables
 from mbaid_ros.core.windows import AFTER, BEFORE
 from windowed import STATE, UNKNOWNS, covariance_of, joint_window, prepare, variables, window
 
@@ -146,13 +147,19 @@ def test_a_jump_loosens_the_momentum_and_the_pose_it_moved() -> None:
     assert added[12:] == pytest.approx(np.zeros((STATE - 12, STATE)), abs=1e-9)
 
 
-def test_what_walks_is_less_certain_after_a_window_and_nothing_else_is() -> None:
-    rng = np.random.default_rng(4)
+def walking(seed: int) -> tuple[Variables, WhitenedWindow, SquareRootInformation]:
+    """Return variables of which two walk, a window, and the gaussian updated by it."""
+    rng = np.random.default_rng(seed)
     walks = np.zeros((UNKNOWNS, 2))
     walks[:2] = rng.normal(size=(2, 2))
     space = replace(variables(rng), random_walk=walks)
     white = prepare(window(rng), space)
-    before = update(SquareRootInformation.prior(space), white)
+    return space, white, update(SquareRootInformation.prior(space), white)
+
+
+def test_what_walks_is_less_certain_after_a_window_and_nothing_else_is() -> None:
+    space, white, before = walking(4)
+    walks = space.random_walk
     still, after = (
         advance(before, white, each, UNDISTURBED) for each in (replace(space, random_walk=np.zeros((0, 0))), space)
     )
@@ -165,12 +172,8 @@ def test_what_walks_is_less_certain_after_a_window_and_nothing_else_is() -> None
 
 @pytest.mark.parametrize('gap', [0.0, 8.0])
 def test_what_walks_goes_on_walking_in_a_gap(gap: float) -> None:
-    rng = np.random.default_rng(6)
-    walks = np.zeros((UNKNOWNS, 2))
-    walks[:2] = rng.normal(size=(2, 2))
-    space = replace(variables(rng), random_walk=walks)
-    white = prepare(window(rng), space)
-    before = update(SquareRootInformation.prior(space), white)
+    space, white, before = walking(6)
+    walks = space.random_walk
     coming = joint_window(np.zeros((BEFORE + 10 + AFTER, 2)), 0.0)
     after = at_window_start(before, replace(coming, after_gap=True, gap=gap), white, space)
     still = at_window_start(
