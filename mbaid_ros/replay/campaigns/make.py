@@ -142,6 +142,7 @@ def made_on_cluster(runs: Sequence[CampaignRun], urdf: str, scheduler: str) -> G
     """
     try:
         from distributed import Client, KilledWorker, as_completed  # noqa: PLC0415 - optional, and slow to import
+        from distributed.comm.addressing import get_address_host_port  # noqa: PLC0415
     except ImportError as error:
         raise ParameterError(
             '--scheduler needs Dask, which is not installed; accepted after: pip install distributed'
@@ -149,6 +150,7 @@ def made_on_cluster(runs: Sequence[CampaignRun], urdf: str, scheduler: str) -> G
     for logger in ('distributed', 'distributed.client'):  # which print tracebacks of a lost connection
         logging.getLogger(logger).setLevel(logging.CRITICAL)
     try:
+        get_address_host_port(scheduler)  # before a client starts its threads for what is no address
         client = Client(scheduler, timeout=_PATIENCE, set_as_default=False)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:
         raise ParameterError(
