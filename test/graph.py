@@ -34,7 +34,7 @@ LOCAL = {
     'FASTRTPS_DEFAULT_PROFILES_FILE': str(ROOT / 'scripts' / 'quick_discovery.xml'),
 }
 EVERYTHING = qos(10_000, latched=True)  # what was published last, and all from then on
-PATIENCE = 60.0  # s, for anything
+PATIENCE = 180.0  # s, for anything: a machine with other work may stand still for a while, and several times
 RESPONSE = 10.0  # s, for the first response of a service, before it is asked again
 DOMAINS = range(1, 102)  # those whose ports Linux does not hand out to others
 

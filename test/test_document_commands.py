@@ -30,7 +30,7 @@ from documents import (
     project,
     with_ros2,
 )
-from graph import Graph, graph
+from graph import PATIENCE, Graph, graph
 from mbaid_ros.bags import BagReader
 from mbaid_ros.nodes.subscriptions import message_class
 from stand_ins import put_on_path
@@ -87,7 +87,7 @@ def running(block: Block, place: Graph, folder: Path) -> Iterator[subprocess.Pop
     try:
         yield process
         os.killpg(process.pid, signal.SIGINT)
-        error = process.communicate(timeout=20.0)[1]
+        error = process.communicate(timeout=PATIENCE)[1]
         assert process.returncode == 0, error
         assert 'Traceback' not in error
     finally:

@@ -237,7 +237,8 @@ def test_a_stream_that_starts_again(graph: Graph) -> None:
     reason = 'of the joint states jumped back by 4.99 s (a bag or simulation started again, a clock set); started again'
 
     def made() -> list[InertiaEstimate]:
-        return [estimate for estimate in estimates if estimate.samples]
+        # On a machine that stalls the stream, the last one is published once more, as stale.
+        return [estimate for estimate in estimates if estimate.samples and not estimate.stale]
 
     for timed in messages:
         publishers[timed.topic].publish(timed.message)

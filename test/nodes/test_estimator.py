@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from copy import deepcopy
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -47,12 +48,21 @@ def start(graph: Graph, *parameters: str, robot: str = 'table1') -> Process:
     return graph.start('estimator', '--ros-args', *options(*assigned))
 
 
-def publish(graph: Graph, messages: Sequence[TimedMessage], *, best_effort: bool = False) -> None:
+def sensors(graph: Graph, *, best_effort: bool = False) -> Callable[[Iterable[TimedMessage]], None]:
+    """Return a function that publishes messages."""
     profile = qos(10_000, best_effort=best_effort)
     kinds = {'joint_states': JointState, 'odom': Odometry}
     publishers = {topic: graph.publisher(topic, kind, profile) for topic, kind in kinds.items()}
-    for timed in messages:
-        publishers[timed.topic].publish(timed.message)
+
+    def send(messages: Iterable[TimedMessage]) -> None:
+        for timed in messages:
+            publishers[timed.topic].publish(timed.message)
+
+    return send
+
+
+def publish(graph: Graph, messages: Sequence[TimedMessage]) -> None:
+    sensors(graph)(messages)
 
 
 def made(estimates: list[Any]) -> list[Any]:
@@ -77,7 +87,6 @@ def pause(graph: Graph, *, paused: bool = True) -> Any:
 def check_that_it_goes_stale(graph: Graph, node: Process, live: list[Any], fresh: Any) -> None:
     graph.wait(lambda: live[-1].stale, 'the stale estimate')
     stale = live[-1]
-    assert not fresh.stale
     # Of one of the two alone, where a report fell between their last messages.
     silent = re.fullmatch(r'no messages on (.*) for more than 2 s', stale.warnings[-1])
     assert silent
@@ -86,8 +95,8 @@ def check_that_it_goes_stale(graph: Graph, node: Process, live: list[Any], fresh
     np.testing.assert_array_equal(stale.covariance, fresh.covariance)
     assert 'the estimate is stale: no messages' in node.stderr
     late = graph.collect('/estimator/estimate', InertiaEstimate, LATCHED)
-    graph.wait(lambda: late, 'the latched estimate')
-    assert bits(late[:1]) == bits(live[-1:])
+    # Silent topics may be found one after the other, with an estimate each.
+    graph.wait(lambda: late and bits(late[-1:]) == bits(live[-1:]), 'the latched estimate')
 
 
 def check_that_it_is_forgotten(graph: Graph, live: list[Any]) -> None:
@@ -123,8 +132,8 @@ def test_a_run_is_that_of_the_core_to_the_last_bit_goes_stale_and_is_forgotten(g
     assert len(expected) == 31  # the last window, of 32, is still open
 
     def closed() -> list[InertiaEstimate]:
-        # Where the machine stalls the stream, the node publishes the last estimate once more, with that warning.
-        return [one for one in made(live) if not any(text.startswith('no messages on') for text in one.warnings)]
+        # Where the machine stalls the stream, the node publishes the last estimate once more, as stale.
+        return [one for one in made(live) if not one.stale]
 
     graph.wait(lambda: len(closed()) >= len(expected), 'all estimates')
     assert bits(closed()) == bits([estimate_message(each, TYPES, TABLE1) for each in expected])
@@ -162,8 +171,13 @@ def test_the_quality_of_service_follows_parameters_and_publishers(graph: Graph) 
     assert reliability('/joint_states') == ReliabilityPolicy.RELIABLE
     graph.wait(lambda: reliability('/estimator/inertia', of_publishers=True), 'the publishers')
     assert reliability('/estimator/inertia', of_publishers=True) == ReliabilityPolicy.BEST_EFFORT
-    publish(graph, run('table1', 4.0), best_effort=True)
-    graph.wait(lambda: len(made(estimates)) >= 3, 'estimates')
+    send, messages = sensors(graph, best_effort=True), iter(run('table1', 16.0))
+
+    def are_there() -> bool:
+        send(islice(messages, 20))  # a few at a time: best effort loses what nobody takes
+        return len(made(estimates)) >= 3
+
+    graph.wait(are_there, 'estimates')
     graph.wait(lambda: "value='best effort'" in str(diagnostics), 'the reliability in the diagnostics')
     text = 'a publisher of /joint_states offers less than asked for (reliability): best effort is taken instead'
     assert node.stderr.count(text) == 1
@@ -253,5 +267,5 @@ def test_poses_on_a_topic_of_their_own_locate_the_base_beside_an_imu(graph: Grap
     expected = bits([estimate_message(session.process()[-1], TYPES, TABLE1)])
     assert session.received['imu'] > 200
     graph.wait(lambda: estimates and bits(estimates[-1:]) == expected, 'the estimate')
-    graph.wait(lambda: any('estimator: pose' in status.name for status in diagnostics[-1].status), 'the topic')
+    graph.wait(lambda: diagnostics and 'estimator: pose' in str(diagnostics[-1]), 'the topic')
     assert not any('estimator: odom' in status.name for status in diagnostics[-1].status)

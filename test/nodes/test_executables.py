@@ -20,7 +20,7 @@ from mbaid_msgs.msg import InertiaEstimate
 from rclpy.node import Node
 
 from checked import answer
-from graph import LOCAL, Graph, executable, reserved_domain
+from graph import LOCAL, PATIENCE, Graph, executable, reserved_domain
 from mbaid_ros.cli import run
 from mbaid_ros.nodes import estimator, player, recorder, simulator, watch
 from mbaid_ros.nodes.estimator import EstimatorNode
@@ -48,7 +48,7 @@ def test_every_executable_is_installed_and_an_unknown_argument_is_one_line() -> 
         name: subprocess.Popen([executable(name), '--colour'], stdout=pipe, stderr=pipe, text=True) for name in NAMES
     }
     for name, process in started.items():
-        out, error = process.communicate(timeout=60)
+        out, error = process.communicate(timeout=PATIENCE)
         assert (process.returncode, out, error.count('\n')) == (2, '', 1), name
         assert '--colour' in error or 'required' in error
 
@@ -186,7 +186,7 @@ def interrupted(name: str, number: signal.Signals, delay: float, folder: Path, d
         time.sleep(0.001)
     time.sleep(delay)
     process.send_signal(number)
-    _, error = process.communicate(timeout=60)
+    _, error = process.communicate(timeout=PATIENCE)
     assert process.returncode in {0, 128 + number}, (delay, error)
     assert 'Traceback' not in error, delay
 

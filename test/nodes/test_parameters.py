@@ -25,7 +25,7 @@ from rclpy.qos import HistoryPolicy
 from sensor_msgs.msg import JointState
 
 from checked import same
-from graph import Graph, reserved_domain
+from graph import PATIENCE, Graph, reserved_domain
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.config.simulator_parameters import SimulatorConfig
 from mbaid_ros.core.joints.stream import joint_state_shape
@@ -176,7 +176,7 @@ def test_messages_that_are_lost_between_others_are_counted(monkeypatch: pytest.M
         subscription.lost, first = 0, subscription.received
         for _ in range(100):
             publisher.publish(JointState())
-        assert publisher.wait_for_all_acked(Duration(seconds=10))
+        assert publisher.wait_for_all_acked(Duration(seconds=PATIENCE))
         while subscription.received < first + 10:
             executor.spin_once(timeout_sec=0.1)
         executor.shutdown()

@@ -6,6 +6,7 @@ import signal
 import time
 from collections.abc import Iterable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -19,8 +20,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 import recorded
-from graph import Graph
+from graph import PATIENCE, Graph
 from mbaid_ros.bags import BagReader, BagWriter, deserialize, message_class, serialize
+from mbaid_ros.nodes import player
 from mbaid_ros.nodes.subscriptions import LATCHED, qos
 from mbaid_ros.parameters import METHODS
 from mbaid_ros.replay.arguments import replay
@@ -30,7 +32,7 @@ from streams import TABLE1_MOMENTUM
 
 COUNT = 300
 DEEP = qos(10_000)
-SECONDS = Duration(seconds=20)
+ALL_ACKED = Duration(seconds=PATIENCE)
 STRING = 'std_msgs/msg/String'
 
 
@@ -89,7 +91,7 @@ def test_everything_a_reliable_publisher_sends_is_in_the_bag_whatever_ends_it(gr
     published['/other'].publish(joint_state(1))
     graph.wait(lambda: published['/odom'].get_subscription_count() == 2, 'two recorders of one topic')
     published['/odom'].publish(joint_state(2))
-    assert all(publisher.wait_for_all_acked(SECONDS) for publisher in published.values())
+    assert all(publisher.wait_for_all_acked(ALL_ACKED) for publisher in published.values())
     assert recorders['brief'].wait() == 0
     # A best effort publisher matches as soon as the recorder asks for no more than it offers.
     states = published['/joint_states']
@@ -98,7 +100,7 @@ def test_everything_a_reliable_publisher_sends_is_in_the_bag_whatever_ends_it(gr
     for _ in range(50):  # best effort may lose some
         best_effort.publish(joint_state(COUNT + 1))
     states.publish(joint_state(COUNT))
-    assert states.wait_for_all_acked(SECONDS)
+    assert states.wait_for_all_acked(ALL_ACKED)
     assert recorders['chosen'].stop(signal.SIGTERM) == 0
     assert recorders['all'].stop() == 0
     assert 'messages on 5 topics' in recorders['all'].stdout
@@ -115,7 +117,7 @@ def test_everything_a_reliable_publisher_sends_is_in_the_bag_whatever_ends_it(gr
     assert [message.position[0] for message, _ in read[:COUNT]] == list(range(COUNT))
     assert {message.header.stamp.sec for message, _ in read[COUNT:]} == {COUNT, COUNT + 1}
     assert len(read[0][0].velocity) == 0
-    assert all(abs(when - begin) < 60_000_000_000 for _, when in read)
+    assert all(begin <= when <= time.time_ns() for _, when in read)
 
 
 def test_the_player_publishes_the_bag_and_the_recorder_records_the_same_bytes(
@@ -123,22 +125,35 @@ def test_the_player_publishes_the_bag_and_the_recorder_records_the_same_bytes(
 ) -> None:
     copying = start_recorder(graph, tmp_path / 'copy')
     begin = time.monotonic()
-    playing = graph.start('player', bag, '--rate', 4, '--wait-for-subscribers', 30)
+    playing = graph.start('player', bag, '--rate', 4, '--wait-for-subscribers', PATIENCE)
     assert playing.wait() == 0, playing.stderr
     assert time.monotonic() - begin > 2.0 / 4
     assert copying.stop() == 0
     assert by_topic(tmp_path / 'copy') == by_topic(bag)
     with BagReader(tmp_path / 'copy') as copy:
         assert copy.topics['/robot_description'].latched
-        times = [when for _, _, when in copy.raw(['/odom'])]
-    assert (times[-1] - times[0]) * 1e-9 == pytest.approx(2.0 / 4, rel=0.3)
+
+
+def test_a_message_is_due_at_its_time_over_the_rate(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = [100.0]
+
+    def sleep(seconds: float) -> None:
+        now[0] += seconds
+
+    monkeypatch.setattr(player, 'time', SimpleNamespace(monotonic=lambda: now[0], sleep=sleep))
+    playing: Any = SimpleNamespace(
+        _origin=(now[0], 5_000_000_000), _rate=4.0, _clock_topic=None, _interrupt=SimpleNamespace(requested=False)
+    )
+    for due, time_of_it in ((7_000_000_000, 100.5), (6_000_000_000, 100.5), (15_000_000_000, 102.5)):
+        player.PlayerNode._wait_until(playing, due)
+        assert now[0] == pytest.approx(time_of_it, abs=1e-6)
 
 
 @pytest.mark.long
 def test_a_choice_of_topics_with_a_clock_and_latched_topics_in_a_loop(graph: Graph, bag: Path) -> None:
     states = graph.collect('/joint_states', JointState, DEEP)
     clocks = graph.collect('/clock', Clock, DEEP)
-    chosen = graph.start('player', bag, '--topics', '/joint_states', '--clock', '--wait-for-subscribers', 30)
+    chosen = graph.start('player', bag, '--topics', '/joint_states', '--clock', '--wait-for-subscribers', PATIENCE)
     graph.wait(lambda: not chosen.running, 'the end of the bag')
     graph.wait(lambda: len(states) == 41, 'all joint states')
     assert '/odom' not in dict(graph.node.get_topic_names_and_types())
@@ -189,7 +204,7 @@ def test_a_played_bag_gives_the_estimates_of_its_replay(graph: Graph, tmp_path: 
     graph.start('estimator', '--ros-args', *arguments)
     published: list[Any] = graph.collect('/estimator/estimate', InertiaEstimate)
     graph.wait(lambda: published, 'what the estimator waits for')
-    playing = graph.start('player', moving, '--rate', '20', '--wait-for-subscribers', '30')
+    playing = graph.start('player', moving, '--rate', '20', '--wait-for-subscribers', PATIENCE)
 
     output = tmp_path / 'estimates'
     assert replay([str(moving), '--model', str(model), '--params', str(parameters), '--output', str(output)]) == 0

@@ -192,7 +192,9 @@ def test_piped_it_writes_a_line_an_update_of_any_or_a_named_namespace(graph: Gra
     publisher.publish(message(planar()))
     graph.wait(lambda: watch.stdout.count('\n') == 2, 'another line')
     assert '\x1b' not in watch.stdout
-    assert (watch.stop(), watch.stderr) == (0, '')
+    assert watch.stop() == 0
+    # On a machine that stalls, it may have hinted before there was an estimator.
+    assert all('no estimator in ROS_DOMAIN_ID' in each for each in watch.stderr.splitlines())
     named = graph.node.create_publisher(InertiaEstimate, '/servicer/estimator/estimate', LATCHED)
     named.publish(message(estimate(parameters=2.0 * BODY)))
     once = graph.start('watch', '/servicer/estimator', '--once')

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import socket
 import sys
 from collections import deque
 from collections.abc import Generator, Sequence
@@ -150,7 +151,8 @@ def made_on_cluster(runs: Sequence[CampaignRun], urdf: str, scheduler: str) -> G
     for logger in ('distributed', 'distributed.client'):  # which print tracebacks of a lost connection
         logging.getLogger(logger).setLevel(logging.CRITICAL)
     try:
-        get_address_host_port(scheduler)  # before a client starts its threads for what is no address
+        # A client starts threads before it looks at its address.
+        socket.create_connection(get_address_host_port(scheduler), _PATIENCE).close()
         client = Client(scheduler, timeout=_PATIENCE, set_as_default=False)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:
         raise ParameterError(
