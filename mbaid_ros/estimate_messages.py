@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.interval import PARAMETERS
-from mbaid_ros.core.results.estimate import Estimate, Event, is_usable
+from mbaid_ros.core.results.estimate import PARAMETERS, Estimate, Event, is_usable
 from mbaid_ros.core.target import Debris, DebrisPublication
 from mbaid_ros.joint_trajectory import JointTrajectory
 

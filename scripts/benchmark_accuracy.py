@@ -14,7 +14,7 @@ from benchmarks.bounds import bound, trajectory_bound
 from benchmarks.data import LEVELS, ROBOTS, Case, motion, target
 from benchmarks.frame import Frame, median_and_most, number, percent, provenance, table
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.noise_levels import CHANNELS
+from mbaid_ros.core.noise import CHANNELS
 
 _SEEDS = {'servicer7': 200, 'ets7': 100, 'table1': 100}
 _OTHER_SEEDS, _SLOW_SEEDS = 50, 100  # at most, of cases that are not plain, and of slow odometry

@@ -16,7 +16,7 @@ from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.config.parameter_files import load_parameter_file
 from mbaid_ros.config.simulator_parameters import SimulatorConfig
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.interval import BAND
+from mbaid_ros.core.results.estimate import BAND
 from mbaid_ros.parameters import build
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun

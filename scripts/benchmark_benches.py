@@ -16,7 +16,7 @@ from benchmarks.frame import PUBLISHED, Frame, Runs, statuses, table
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.config.parameter_files import load_parameter_file
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.interval import BAND
+from mbaid_ros.core.results.estimate import BAND
 from mbaid_ros.parameters import build
 from mbaid_ros.recordings.recording import MODEL_FILE, PARAMETER_FILE, Recording, write_recording
 from mbaid_ros.recordings.spot import read_spot_2021, read_spot_2023

@@ -18,7 +18,7 @@ from benchmarks.honesty.readings import read
 from benchmarks.honesty.runs import published
 from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.interval import BAND
+from mbaid_ros.core.results.estimate import BAND
 from mbaid_ros.parameters import build
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_simulation, make_view

@@ -10,13 +10,12 @@ from benchmarks.data import NOISE, RATE, kernel, last_state, sampled, target
 from benchmarks.frame import Frame, Runs, declared, number
 from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.geometry import Array, rotation_from_quaternion
-from mbaid_ros.core.interval import BAND
 from mbaid_ros.core.pipeline import Estimator
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import BAND, Estimate
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.streams import Windows
+from mbaid_ros.core.windows import Windows
 from mbaid_ros.joint_trajectory import JointTrajectory
 from mbaid_ros.parameters import build
 from mbaid_ros.planning.information import Grid

@@ -21,7 +21,7 @@ from mbaid_ros.bags import BagReader
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.config.parameter_files import load_parameter_file
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.interval import BAND
+from mbaid_ros.core.results.estimate import BAND
 from mbaid_ros.parameters import build
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.one_bag import replay_bag

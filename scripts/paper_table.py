@@ -12,8 +12,8 @@ import numpy as np
 from benchmarks.accuracy import estimates
 from benchmarks.data import NOISE, ROBOTS, exact_samples, kernel, momentum_of, motion, readings, target
 from benchmarks.frame import Frame, provenance, table
-from mbaid_ros.core.difference.paper import RecursiveLeastSquares, angular_rows, difference_form, linear_rows, main_form
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.paper import RecursiveLeastSquares, angular_rows, difference_form, linear_rows, main_form
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import BodyStates, regressor
 

@@ -16,7 +16,11 @@ SECTIONS = {
     'Method `trajectory`': ('core/method.py', 'core/filter', 'core/state.py', 'core/windows.py', 'core/contracts.py'),
     'Fault isolation': ('core/diagnosis', 'core/joints/faults.py', 'core/odometry/faults.py'),
     'Repair': ('core/repair.py', 'session/repairing.py'),
-    'Method `difference`, the first stage of `trajectory`, and the methods of the paper': ('core/difference',),
+    'Method `difference`, the first stage of `trajectory`, and the methods of the paper': (
+        'core/difference.py',
+        'core/difference_solver.py',
+        'core/paper.py',
+    ),
     'Status and publication': ('core/results',),
     'Joints, odometry and gyro': (
         *('core/joints/stream.py', 'core/joints/model.py', 'core/odometry/stream.py', 'core/odometry/model.py'),
@@ -24,12 +28,12 @@ SECTIONS = {
         'core/poses.py',
     ),
     'Other things': (
-        *('core/passive', 'core/clocks.py', 'core/links.py', 'core/wheels.py', 'core/forces.py', 'core/orbit.py'),
-        'core/target.py',
+        *('core/passive.py', 'core/swing.py', 'core/clocks.py', 'core/links.py', 'core/wheels.py', 'core/forces.py'),
+        *('core/orbit.py', 'core/target.py'),
     ),
     'Capture': ('core/capture.py',),
     '`calibrate`': ('calibration',),
-    'Readings': ('core/pipeline.py', 'core/streams.py', 'core/outliers.py', 'core/noise.py', 'core/samples.py'),
+    'Readings': ('core/pipeline.py', 'core/outliers.py', 'core/noise.py', 'core/samples.py'),
     'Robots': ('core/robot',),
     'Numbers': ('core/geometry.py',),
 }

@@ -13,7 +13,7 @@ from mbaid_ros.core.geometry import Array, cross
 from mbaid_ros.core.links import independent_errors, known_bodies
 from mbaid_ros.core.method import TrajectoryEstimator, TrajectorySettings
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.identifiable import Reporting
+from mbaid_ros.core.results.verdict import Reporting
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.momentum import MomentumKernel, inertia_matrix, momentum, unknown_scale
 from mbaid_ros.core.samples import Samples, SensorNoise

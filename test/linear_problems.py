@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mbaid_ros.core.difference.likelihood import Blocks, row_noise_information, whitened
+from mbaid_ros.core.difference_solver import Blocks, row_noise_information, whitened
 from mbaid_ros.core.geometry import Array
 
 TRUE = np.array([2.0, -1.0, 0.5, 1.5])

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
-from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget
-from mbaid_ros.core.results.estimate import Estimate, Event
+from mbaid_ros.core.results.estimate import SENSOR_NOISE, ErrorBudget, Estimate, Event
 from mbaid_ros.parameters import values_of
 from mbaid_ros.replay.whole_run import Run, TopicStatistics
 from simulated import CONFIG

@@ -15,7 +15,7 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.streams import Windows
+from mbaid_ros.core.windows import Windows
 from mbaid_ros.parameters import build
 from mbaid_ros.session.methods import make_estimator
 from mbaid_ros.simulated_robot import make_simulation

@@ -10,8 +10,7 @@ import pytest
 from mbaid_ros.bags import BAG_TYPES, deserialize, serialize
 from mbaid_ros.config.simulator_parameters import SimulatorConfig
 from mbaid_ros.core.geometry import rotate, rotation_from_quaternion
-from mbaid_ros.core.results.budget import ErrorBudget
-from mbaid_ros.core.results.estimate import Estimate, Event, PassiveJoint
+from mbaid_ros.core.results.estimate import ErrorBudget, Estimate, Event, PassiveJoint
 from mbaid_ros.core.target import Debris
 from mbaid_ros.errors import MbaidError, ModelError, ParameterError
 from mbaid_ros.estimate_messages import Frames, debris_message, estimate_message

@@ -22,7 +22,7 @@ from mbaid_ros.core.joints.model import JointPlacements
 from mbaid_ros.core.links import links_to_bodies, masses
 from mbaid_ros.core.method import estimates_of
 from mbaid_ros.core.odometry.model import OdometryMount
-from mbaid_ros.core.passive.model import SpringErrors, passive_joints, resolved
+from mbaid_ros.core.passive import SpringErrors, passive_joints, resolved
 from mbaid_ros.core.results.estimate import PassiveJoint
 from mbaid_ros.core.robot.body import body_sizes, physical, pseudo_inertia
 from mbaid_ros.core.robot.model import Link, PlaneDetector

@@ -13,14 +13,13 @@ from mbaid_ros.core.geometry import Flags
 from mbaid_ros.core.gyro import GyrosConfig, ImuConfig
 from mbaid_ros.core.joints.model import KnownJointsConfig
 from mbaid_ros.core.links import KnownLinksConfig
+from mbaid_ros.core.noise import CHANNELS, TYPICAL
 from mbaid_ros.core.odometry.model import TWIST_FRAMES, MarkerConfig, OdometryConfig, OdometryMountConfig, PoseConfig
 from mbaid_ros.core.orbit import OrbitConfig
-from mbaid_ros.core.passive.model import FlexibleConfig
+from mbaid_ros.core.passive import FlexibleConfig
 from mbaid_ros.core.poses import PosesConfig
-from mbaid_ros.core.results.noise_levels import CHANNELS, TYPICAL
 from mbaid_ros.core.samples import SensorNoise
-from mbaid_ros.core.target import DebrisConfig, MomentumConfig, TargetPriorConfig
-from mbaid_ros.core.tracked_target import TrackedTargetConfig
+from mbaid_ros.core.target import DebrisConfig, MomentumConfig, TargetPriorConfig, TrackedTargetConfig
 from mbaid_ros.core.wheels import WheelsConfig
 from mbaid_ros.parameters import METHODS, parameter
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from mbaid_ros.core.orbit import SimulatedOrbitConfig
-from mbaid_ros.core.passive.model import FlexibleConfig
+from mbaid_ros.core.passive import FlexibleConfig
 from mbaid_ros.core.wheels import WheelBodies
 from mbaid_ros.parameters import parameter
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mbaid_ros.core.contracts import Unknown
-from mbaid_ros.core.difference.weighted import BODY, ConsiderParameters, window_rows
+from mbaid_ros.core.difference import BODY, ConsiderParameters, window_rows
 from mbaid_ros.core.filter.posterior import Posterior
 from mbaid_ros.core.geometry import Array, skew, unvec
 from mbaid_ros.core.pipeline import Estimator
@@ -17,7 +17,7 @@ from mbaid_ros.core.results.estimate import CapturePhase, Estimate, determined
 from mbaid_ros.core.results.verdict import Reason, notes, with_reasons
 from mbaid_ros.core.robot.momentum import MomentumKernel, momentum_change
 from mbaid_ros.core.samples import FEWEST, Samples, SensorNoise, with_rates
-from mbaid_ros.core.tracked_target import TargetAtCapture, TargetTrack
+from mbaid_ros.core.target import TargetAtCapture, TargetTrack
 from mbaid_ros.parameters import parameter
 from mbaid_ros.tasks import Tasks
 

@@ -1,25 +1,331 @@
-"""Clocks: offset and drift of the joints' stamps relative to those of the base."""
+"""Clocks: stamps that jump, come late or in patterns; offset and drift of the joints' stamps."""
 
 from __future__ import annotations
 
+from bisect import bisect_left, insort
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
 from mbaid_ros.core.contracts import CLEAR, Convention, Linear, Motion, NominalModel, Unknown, Words, converted
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.repair import Conversion, Repair, wider_prior, with_band
+from mbaid_ros.core.outliers import REPEATED
+from mbaid_ros.core.repair import Conversion, Repair, wider_prior
+from mbaid_ros.core.results.estimate import with_band
 from mbaid_ros.core.robot.momentum import MomentumKernel
+from mbaid_ros.core.samples import NO_STAMP, BaseStream, ImuStream, JointStream, Stamps
 from mbaid_ros.core.windows import Window
 from mbaid_ros.parameters import parameter
 
+ZERO_STAMP = 'stamp is zero'
+BAD_NANOSEC = 'nanosec of the stamp is 1e9 or more'
+STRAY_STAMP = 'stamp far from those before and after'
+OTHER_CLOCK = 'stamp from before the other topic jumped back in time'
+LATE = 'stamp before one that was already used'
+# A message that was this much late shows that others may be a little later still.
+_MARGIN = 1.5
+Stream = TypeVar('Stream', JointStream, BaseStream, ImuStream)
+LARGEST_BACKLOG = 100_000  # measurements of one stream waiting for the other: more are memory without an end
+Found = tuple[str, int, str]  # symptom, from which stamp on (ns), and in words
+_SKIPPED = 10  # intervals, before which the mean is not known
+_PATTERN = 60  # intervals that show a pattern
+_SECOND = 1_000_000_000  # ns
+_REPEATS = 0.5  # share of repeated stamps, from which they are rounded: copies of messages are fewer
+_SHORT, _BATCHED = 0.2, 0.4  # part of the mean interval that is short; share of such ones: of random ones it is a fifth
+_STEP = 50_000_000  # ns, that a clock is set by at least: less is jitter, or messages that overtake each other
+_LONGEST = 200_000_000  # ns between readings around a step: of slower ones the motion is not known
+_EVEN = 0.5  # part of the usual interval, that those around a step differ by: others are no regular stamps
+_GAP = 5.0  # usual intervals that make a gap
+_STEADY, _MISSING = 0.2, 0.3  # part by which the speed changes over a gap, and of its motion that is there at most
+_PLAIN = 50.0  # standard deviations that a gap's motion should be at least
+_AROUND = 6  # readings that a step is looked at with, before and after
 OFFSET, CLOCK = 'time offset', 'clock drift'
 _LARGEST_DRIFT = 0.01  # of time_offset.drift_std
 # s, late or early by 50 ms to half a second: less is within the prior of the time offset.
 _DELAYS = 0.05 * np.concatenate((np.arange(-10, 0), np.arange(1, 11)))
+
+
+class Gate:
+    """Collects the messages of one stream.
+
+    Parameters
+    ----------
+    threshold : ns, difference between consecutive stamps that counts as a jump
+
+    Attributes
+    ----------
+    messages : those that have passed, in the order of arrival
+    newest, first : ns, latest stamp that passed, and the first one; None before that
+    epoch : number of jumps back so far
+    dropped : messages that did not pass, by cause
+    """
+
+    def __init__(self, threshold: int) -> None:
+        self._threshold = threshold
+        self._suspect: tuple[int, Any] | None = None
+        self.messages: list[Any] = []
+        self.newest: int | None = None
+        self.first: int | None = None
+        self.epoch = 0
+        self.dropped: Counter[str] = Counter()
+
+    def add(self, stamp: int, message: Any) -> int:
+        """Add a message; return the size (ns) of a jump back in time before it, else 0.
+
+        After a jump back, `messages` holds those before it; `confirm_jump` adds those after it.
+        """
+        newest = self.newest
+        if stamp == NO_STAMP:
+            self.dropped[BAD_NANOSEC] += 1
+            return 0
+        if newest is not None and not -self._threshold <= stamp - newest <= self._threshold:
+            return self._far(stamp, message, newest)
+        if stamp == 0 and newest is not None:  # a run of simulated time may begin with it, once
+            self.dropped[ZERO_STAMP] += 1
+            return 0
+        if self._suspect is not None:
+            self._drop_suspect()
+        self.messages.append(message)
+        if newest is None:
+            self.first = stamp
+        if newest is None or stamp > newest:
+            self.newest = stamp
+        return 0
+
+    def all_pass(self, stamp: Stamps) -> bool:
+        """Return whether messages with these stamps (N,) all pass at once."""
+        if not len(stamp):
+            return True
+        if self.newest is None or self._suspect is not None or np.any(stamp == NO_STAMP):
+            return False
+        steps = stamp - self._newest_before(stamp)
+        return bool(np.all(np.abs(steps) <= self._threshold) and np.all(stamp != 0))
+
+    def add_regular(self, stamp: Stamps, messages: Sequence[Any]) -> None:
+        """Add messages that all pass according to `all_pass`, with their stamps (N,); some may be together."""
+        if len(stamp):
+            self.messages += messages
+            self.newest = max(int(self._newest_before(stamp)[-1]), int(stamp[-1]))
+
+    def confirm_jump(self, message: Any) -> None:
+        """Pass the two messages after a jump back: the one held, and `message`, which confirmed it."""
+        if self._suspect is not None:
+            self.messages += (self._suspect[1], message)
+            self._suspect = None
+
+    def pop_all(self) -> list[Any]:
+        """Return the messages that have passed and forget them."""
+        messages, self.messages = self.messages, []
+        return messages
+
+    def _newest_before(self, stamp: Stamps) -> Stamps:
+        """Return the latest stamp before each of some messages that all pass."""
+        return np.maximum.accumulate(np.concatenate((np.array([self.newest], dtype=np.int64), stamp[:-1])))
+
+    def _far(self, stamp: int, message: Any, newest: int) -> int:
+        """Add a message whose stamp is far from the newest."""
+        if stamp == 0:
+            self.dropped[ZERO_STAMP] += 1
+            return 0
+        held = self._suspect
+        agrees = held is not None and (held[0] > newest) == (stamp > newest) and stamp >= held[0] - self._threshold
+        if held is None or not agrees:
+            self._drop_suspect()
+            self._suspect = (stamp, message)
+            return 0
+        if held[0] > newest:  # time goes on after a gap
+            self._suspect = None
+            self.messages.append(held[1])
+            self.newest = held[0]
+            return self.add(stamp, message)
+        self.epoch += 1
+        self.newest = max(held[0], stamp)
+        return newest - held[0]
+
+    def _drop_suspect(self) -> None:
+        if self._suspect is not None:
+            self._suspect = None
+            self.dropped[STRAY_STAMP] += 1
+
+
+class Reorder(Generic[Stream]):
+    """Puts one stream in order; the result does not depend on how it is cut into calls.
+
+    Nothing waits until a stamp comes late for the first time. That one is lost; from then on measurements wait as long
+    as it was late, and half as much again.
+
+    Parameters
+    ----------
+    limit : ns, longest time that a measurement may wait for others
+
+    Attributes
+    ----------
+    hold : ns, time that measurements wait now
+    """
+
+    def __init__(self, limit: int) -> None:
+        self._limit = limit
+        self._waiting: Stream | None = None  # in order
+        self._newest: int | None = None
+        self._released: int | None = None
+        self.hold = 0
+        self.dropped: Counter[str] = Counter()
+
+    def push(self, stream: Stream | None) -> Stream | None:
+        """Add measurements; return those released, in order, None if there are none."""
+        if stream is None or not len(stream.stamp):
+            return None
+        if self.hold == 0 and self._in_order(stream.stamp):
+            self._newest = self._released = int(stream.stamp[-1])
+            return stream
+        joined = stream if self._waiting is None else stream.concatenate((self._waiting, stream))
+        held = len(joined.stamp) - len(stream.stamp)
+        released, waiting = self._sort(joined.stamp.tolist(), held)
+        self._waiting = joined[np.array(waiting, dtype=np.intp)]
+        return joined[np.array(released, dtype=np.intp)] if released else None
+
+    def _in_order(self, stamp: Stamps) -> bool:
+        after = self._released is None or stamp[0] > self._released
+        return bool(after and np.all(stamp[1:] > stamp[:-1]))
+
+    def _sort(self, stamps: list[int], held: int) -> tuple[list[int], list[int]]:
+        """Return the indices of the measurements released, in order, and of those that wait on."""
+        waiting = [(stamp, index) for index, stamp in enumerate(stamps[:held])]
+        released: list[int] = []
+        for index in range(held, len(stamps)):
+            stamp = stamps[index]
+            if self._accepted(stamp, waiting):
+                insort(waiting, (stamp, index))
+                self._newest = stamp if self._newest is None else max(self._newest, stamp)
+                ready = bisect_left(waiting, (self._newest - self.hold + 1,))
+                if ready:
+                    released += (place for _, place in waiting[:ready])
+                    self._released = waiting[ready - 1][0]
+                    del waiting[:ready]
+        return released, [place for _, place in waiting]
+
+    def _accepted(self, stamp: int, waiting: list[tuple[int, int]]) -> bool:
+        """Return whether a stamp is new and not too late; adapt the waiting time to one that is late."""
+        place = bisect_left(waiting, (stamp,))
+        if stamp == self._released or (place < len(waiting) and waiting[place][0] == stamp):
+            self.dropped[REPEATED] += 1
+            return False
+        if self._released is None or self._newest is None or stamp > self._released:
+            return True
+        self.dropped[LATE] += 1
+        late = self._newest - stamp
+        if late <= self._limit:
+            self.hold = max(self.hold, min(round(_MARGIN * late), self._limit))
+        return False
+
+
+class StampPattern:
+    """Follows the stamps of one kind of messages; the result does not depend on how they are cut into calls.
+
+    Parameters
+    ----------
+    what : the messages, in words
+    noise : standard deviation of the positions, rad or m
+    """
+
+    def __init__(self, what: str, noise: float) -> None:
+        self._what, self._noise = what, noise
+        self._first, self._count, self._short = 0, 0, 0
+        self._equal, self._whole = 0, True  # stamps that repeat the one before; whether all are whole seconds
+        self._stamp: Stamps = np.zeros(0, dtype=np.int64)
+        self._position: Array = np.zeros((0, 0))
+
+    def add(self, stamp: Stamps, position: Array) -> Iterator[Found]:
+        """Add readings (N,), (N, k), in the order of arrival; yield the faults of their stamps."""
+        if not len(stamp):
+            return
+        if not self._count:
+            self._first, self._position = int(stamp[0]), position[:0]
+        begin = self._count - len(self._stamp)  # number of the first of the readings that are kept
+        yield from self._resolution(stamp)
+        yield from self._batches(stamp)
+        self._stamp = np.concatenate((self._stamp, stamp))
+        self._position = np.concatenate((self._position, position))
+        interval = np.diff(self._stamp)
+        usual = np.maximum(_STEP, _GAP * np.concatenate((interval[:1], interval[:-1])))
+        for place in np.flatnonzero((interval < -_STEP) | (interval > usual)).tolist():
+            if _AROUND - 1 <= place <= len(interval) - _AROUND and begin + place > _PATTERN:
+                yield from self._step(place, (int(self._stamp[place]) - self._first) / (begin + place))
+        keep = 2 * _AROUND - 1
+        self._stamp, self._position = self._stamp[-keep:], self._position[-keep:]
+
+    def _resolution(self, stamp: Stamps) -> Iterator[Found]:
+        """Yield that most stamps are those of the reading before: they are rounded."""
+        joined = np.concatenate((self._stamp[-1:], stamp))
+        equal = np.diff(joined) == 0
+        number = self._count + len(stamp) - len(equal) + 1 + np.arange(len(equal))
+        repeats = self._equal + np.cumsum(equal)
+        whole = self._whole & np.logical_and.accumulate(joined[1:] % _SECOND == 0)
+        rounded = np.flatnonzero((number > _PATTERN) & (repeats > _REPEATS * number))
+        if len(rounded):
+            how = (
+                'whole seconds: fill in nanosec of header.stamp' if whole[rounded[0]] else 'rounded: publish all digits'
+            )
+            text = f'most stamps of {self._what} repeat the one before, they are {how}'
+            yield f'rounded: {self._what}', int(joined[1:][rounded[0]]), text
+        if len(equal):
+            self._equal, self._whole = int(repeats[-1]), bool(whole[-1])
+
+    def _batches(self, stamp: Stamps) -> Iterator[Found]:
+        """Yield that most messages are stamped right after each other, and then none for long."""
+        joined = np.concatenate((self._stamp[-1:], stamp))
+        interval = np.diff(joined)
+        number = self._count + 1 + np.arange(len(stamp))  # readings up to each
+        mean = (stamp - self._first) / np.maximum(number - 1, 1)
+        interval = np.concatenate((np.full(len(stamp) - len(interval), np.iinfo(np.int64).max), interval))
+        short = self._short + np.cumsum((interval < _SHORT * mean) & (interval > 0) & (number > _SKIPPED))
+        self._count, self._short = int(number[-1]), int(short[-1])
+        batched = np.flatnonzero((number > _PATTERN) & (short > _BATCHED * number))
+        if len(batched):
+            size = 1.0 / max(1.0 - short[batched[0]] / (number[batched[0]] - _SKIPPED), 0.01)
+            text = (
+                f'{self._what} come in batches of about {size:.0f}, stamped right after each other: stamped on '
+                'arrival, not when they were measured; stamp them in the driver'
+            )
+            yield f'batches: {self._what}', int(stamp[batched[0]]), text
+
+    def _step(self, place: int, usual: float) -> Iterator[Found]:
+        """Yield that a clock was set between the reading at a place and the next one; `usual` interval in ns."""
+        around = np.diff(self._stamp[place - _AROUND + 1 : place + _AROUND + 1]).astype(float)
+        step = float(around[_AROUND - 1])
+        around = np.delete(around, _AROUND - 1)
+        if usual <= 0.0 or np.any(around > _LONGEST) or np.any(np.abs(around - usual) > _EVEN * usual):
+            return
+        at = 1e-9 * (int(self._stamp[place]) - self._first)
+        since = int(max(self._stamp[place], self._stamp[place + _AROUND]))  # windows before a step back are out already
+        if step < 0.0:
+            back = 1e-9 * (float(np.mean(around)) - step)
+            text = (
+                f'the stamps of {self._what} went back by {back:.2g} s at {at:.1f} s: a clock was set; readings '
+                'stamped twice are left out, later ones are wrong if no other clock was set'
+            )
+            yield f'set back: {self._what}', since, text
+        elif self._goes_on(place, step):
+            text = f'the stamps of {self._what} went forward by {1e-9 * step:.2g} s at {at:.1f} s without the motion: '
+            yield f'set forward: {self._what}', since, f'{text}a clock was set'
+
+    def _goes_on(self, place: int, step: float) -> bool:
+        """Return whether the readings around a gap (ns) move as if it were none."""
+        stamp, position = self._stamp.astype(float), self._position
+        before, after = (
+            (position[one] - position[other]) / (stamp[one] - stamp[other])
+            for one, other in ((place, place - _AROUND + 1), (place + _AROUND, place + 1))
+        )
+        speed = 0.5 * (before + after)
+        steady = np.abs(after - before) < _STEADY * np.abs(speed)
+        expected = np.abs(speed * step)
+        moved = np.abs(position[place + 1] - position[place])
+        plain = steady & (expected > _PLAIN * self._noise)
+        return bool(np.any(plain)) and bool(np.all(moved[plain] < _MISSING * expected[plain]))
 
 
 @dataclass(frozen=True)

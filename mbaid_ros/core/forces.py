@@ -13,9 +13,9 @@ import numpy as np
 
 from mbaid_ros.core.contracts import Axes, Disturbance, Hypothesis, NominalModel, Unknown, Words, diagonal
 from mbaid_ros.core.geometry import Array, cross, skew
-from mbaid_ros.core.interval import BAND
 from mbaid_ros.core.orbit import Orbit, OrbitConfig, make_orbit
-from mbaid_ros.core.repair import Repair, Setting, widened, wider_prior, with_band
+from mbaid_ros.core.repair import Repair, Setting, widened, wider_prior
+from mbaid_ros.core.results.estimate import BAND, with_band
 from mbaid_ros.core.robot.model import Kinematics, PlaneDetector, RobotModel
 from mbaid_ros.core.robot.momentum import THRUSTER_ERRORS, BodyStates, MomentumKernel
 from mbaid_ros.core.samples import Samples, stamp_of

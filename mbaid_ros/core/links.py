@@ -12,8 +12,8 @@ from scipy.linalg import block_diag
 
 from mbaid_ros.core.contracts import Convention, NominalModel, Unknown, Words
 from mbaid_ros.core.geometry import Array, unvec
-from mbaid_ros.core.interval import BAND
 from mbaid_ros.core.repair import Conversion, Repair, Setting, numbers, widened
+from mbaid_ros.core.results.estimate import BAND
 from mbaid_ros.core.robot.body import body_length, body_sizes, physical, physical_jacobian
 from mbaid_ros.core.robot.model import Link, PlaneDetector, RobotModel, express
 from mbaid_ros.core.robot.momentum import BodyStates, KnownErrors, MomentumKernel, regressor

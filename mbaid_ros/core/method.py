@@ -26,7 +26,7 @@ from mbaid_ros.core.filter.posterior import (
 from mbaid_ros.core.filter.run import FIRST, Run
 from mbaid_ros.core.forces import Thrusters, constant_force
 from mbaid_ros.core.geometry import Array, chi_square_limit, cross
-from mbaid_ros.core.passive.model import (
+from mbaid_ros.core.passive import (
     SpringErrors,
     implausible_springs,
     joints_carrying_target,
@@ -36,13 +36,14 @@ from mbaid_ros.core.passive.model import (
 from mbaid_ros.core.pipeline import Estimator
 from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.results.estimate import PULSE, SYMPTOM, WITHHELD, Estimate, Event, PassiveJoint, Thruster
-from mbaid_ros.core.results.identifiable import Reporting, Solution
 from mbaid_ros.core.results.verdict import (
     MOST_JUMPS,
     Cause,
     Evidence,
     IntervalConsistency,
     Reason,
+    Reporting,
+    Solution,
     Verdict,
     is_suspect,
     judge,
@@ -65,8 +66,7 @@ from mbaid_ros.core.state import (
     layout_of,
     variables,
 )
-from mbaid_ros.core.target import ChangedTarget, another_body, target_changed_text
-from mbaid_ros.core.tracked_target import CaptureRows, TargetAtCapture
+from mbaid_ros.core.target import CaptureRows, ChangedTarget, TargetAtCapture, another_body, target_changed_text
 from mbaid_ros.core.windows import KnotAveraging, Window, without_twist
 from mbaid_ros.tasks import AT_ONCE, Kind, Tasks, Work
 

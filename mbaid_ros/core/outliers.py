@@ -12,8 +12,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from mbaid_ros.core.geometry import Array, Flags, log
 from mbaid_ros.core.samples import ArrayRecord, BaseStream, ImuStream, JointStream, Stamps
-from mbaid_ros.core.streams import REPEATED
 
+REPEATED = 'stamp repeated'
 REPEATED_POSE = 'pose repeated'
 JOINTS_HELD = 'joint positions repeated under a new stamp'
 STILL = 1_000_000_000  # ns that the same reading has to last to be that of something at rest

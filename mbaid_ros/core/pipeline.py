@@ -9,6 +9,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
+from mbaid_ros.core.clocks import LARGEST_BACKLOG, Found, StampPattern
 from mbaid_ros.core.contracts import Check, Follower, Force
 from mbaid_ros.core.filter.posterior import Posterior
 from mbaid_ros.core.geometry import Array, exp, log
@@ -16,17 +17,16 @@ from mbaid_ros.core.gyro import RateIntegrator
 from mbaid_ros.core.joints.faults import CHECKS, JointFaults, JointRates
 from mbaid_ros.core.joints.stream import joint_channels
 from mbaid_ros.core.links import inertia
-from mbaid_ros.core.noise import NoiseEstimator
+from mbaid_ros.core.noise import NoiseEstimator, NoiseLevels
 from mbaid_ros.core.odometry.faults import PlanarPoses, twist_check
 from mbaid_ros.core.odometry.stream import POSE, hermite
 from mbaid_ros.core.outliers import JOINT_OUTLIER, JOINTS_HELD, Flips, Outliers, Repeats
 from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.noise_levels import NoiseLevels
 from mbaid_ros.core.results.verdict import Reason, Severity, notes, with_reasons
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.samples import FEWEST, BaseStream, JointStream, Samples, Stamps, with_rates
-from mbaid_ros.core.streams import LARGEST_BACKLOG, Found, StampPattern, Windows
+from mbaid_ros.core.windows import Windows
 from mbaid_ros.tasks import Tasks
 
 OUT_OF_ORDER = 'stamp not after the one before'

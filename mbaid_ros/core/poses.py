@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from mbaid_ros.core.clocks import LATE
 from mbaid_ros.core.contracts import Course, Instrument, Linear, Motion, Observation, Words, deviation_text, diagonal
 from mbaid_ros.core.geometry import Array, Flags, exp, log, rotate, skew
 from mbaid_ros.core.odometry.model import MarkerConfig, marker_frame
@@ -18,7 +19,6 @@ from mbaid_ros.core.repair import Repair, Setting, numbers, widened, wider_prior
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import BasePose, BaseStream, Input, Packets, Samples, SensorNoise, Stamps
-from mbaid_ros.core.streams import LATE
 from mbaid_ros.core.windows import ANGULAR_FIRST, Window, knot_poses
 from mbaid_ros.errors import ParameterError, listing
 from mbaid_ros.parameters import by_name, named_groups, parameter

@@ -17,7 +17,6 @@ from mbaid_ros.core.geometry import (
     rotate,
     rotation_from_quaternion,
 )
-from mbaid_ros.core.interval import BAND
 from mbaid_ros.core.samples import BaseStream, JointStream, Stamps
 
 Setting = bool | float | str | tuple[float, ...] | tuple[str, ...]  # the value of a parameter
@@ -200,15 +199,6 @@ def widened(size: float, most: float = np.inf) -> float:
     decade = 10.0 ** np.floor(np.log10(wanted))
     step = _STEPS[np.searchsorted(_STEPS, wanted / decade * (1.0 - 1e-12))]
     return min(float(f'{step * decade:.1g}'), most)
-
-
-def with_band(value: Array, std: Array, scale: float = 1.0) -> str:
-    """Return a size with its 95 % interval: that of one number with its sign, that of several the length."""
-    size = float(value[0]) if len(value) == 1 else float(np.linalg.norm(value))
-    along = np.abs(value) / max(float(np.linalg.norm(value)), 1e-300)
-    band = BAND * float(np.linalg.norm(along * std))
-    sign = '+' if len(value) == 1 else ''
-    return f'{scale * size:{sign}.3g} ± {scale * band:.2g}'
 
 
 def numbers(values: Array) -> float | tuple[float, ...]:

@@ -1,23 +1,29 @@
-"""The target: its prior, the captured body alone, a target that slips or is exchanged."""
+"""The target: its prior, its tracked poses before the capture, the captured body alone, slip and exchange."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from mbaid_ros.core.contracts import RIGHT, Convention
+from mbaid_ros.core.contracts import RIGHT, Convention, NominalModel, Unknown
 from mbaid_ros.core.filter.gaussian import SquareRootInformation
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.filter.time_update import pose_reset, with_process_noise
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.free_flight import FEWEST, RATIOS, FreeFlight, PoseNoise, Track, free_flight
+from mbaid_ros.core.geometry import Array, cross, exp, log, rotation_from_quaternion, skew, unvec, vec
 from mbaid_ros.core.links import BodyDeviations
+from mbaid_ros.core.odometry.stream import QUATERNION_TOLERANCE, PoseReader, odometry_shape, source_of
 from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.robot.body import physical, physical_jacobian, standard
 from mbaid_ros.core.robot.momentum import MomentumKernel
-from mbaid_ros.core.state import BODY, MOMENTUM, Variables
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.state import ANGULAR, BODY, LINEAR, MOMENTUM, Layout, Point, Variables
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.parameters import parameter
 
@@ -26,6 +32,26 @@ _MASS_MAY_VANISH = 0.5
 _KNOWN = 0.1  # relative standard deviation of a mass, up to which its centre of mass can be compared
 _STILL_A_LINK = 0.5  # times its described mass, that a link has at least: what it holds makes it no lighter
 _NO_MOMENTUM = 1e-9  # N s, of a frame that nothing locates: it moves with the common centre of mass
+NOT_A_POSE = 'the pose of the target is no pose'
+OTHER_FRAME = 'the pose of the target is in another frame'
+_UNUSED = 'the run goes on without the poses of the target'
+_LONGEST, _MOST = 120.0, 3000  # s, poses: older ones, or more, add little
+_REMEMBERED = 20_000  # poses
+_SHARP_CENTRE, _SHARP_RATIOS = 0.1, 0.1  # m, 1: standard deviations above which the motion leaves them open
+# Times the noise, from which inverted poses are tried, and those are not of a free body: by the noise as declared, and
+# as neighbouring poses have it, which errors that last exceed.
+_DOUBTFUL, _NOT_FREE, _NOT_FREE_BY_DIFFERENCES = 1.5, 2.5, 5.0
+_FOR_SURE = 0.6  # of that, which inverted poses must leave to be named
+_LATE = 1.0  # s without a pose before the capture, from which that is reported
+_READER = PoseReader('', '')
+_TINY = 1e-30  # of complex steps, whose derivatives are exact
+# Numbers of the motion: velocity of a point of the body, spin, centre of mass, ratios of inertia, velocity of that.
+_POINT, _SPIN, _CENTRE, _RATIOS, _VELOCITY = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 14), slice(14, 17)
+_NUMBERS = 17  # of these
+# Numbers that predict them: momentum (P, L) of the whole, body, turn and place of the link, momentum of the robot.
+_WHOLE, _BODY, _LINK, _ROBOT = slice(0, 6), slice(6, 16), slice(16, 22), slice(22, 28)
+# m, of gyration: a search begins with the first, and no target's is much larger than the second.
+_GUESSED_RADIUS, _LARGEST_RADIUS = 0.7, 2.5
 
 
 @dataclass(frozen=True)
@@ -262,3 +288,433 @@ def another_body(gaussian: SquareRootInformation, variables: Variables, *, excha
         opened[MOMENTUM] = opened[BODY.start] = 0.0
     places = np.flatnonzero(opened)
     return pose_reset(with_process_noise(gaussian, variables.from_state[:own, places] * opened[places]), variables)
+
+
+@dataclass(frozen=True)
+class TrackedTargetConfig:
+    """Poses of a frame on the target, tracked before its capture."""
+
+    position_std: float = parameter(0.0, 'm', minimum=0.0)
+    """Standard deviation of each coordinate of a pose on target_pose; 0: estimated from the poses."""
+    orientation_std: float = parameter(0.0, 'rad', minimum=0.0)
+    """Standard deviation of its orientation about each axis; 0: estimated from the poses."""
+    correlation_time: float = parameter(0.0, 's', minimum=0.0)
+    """Time in which the correlation of the errors of these poses falls to 1/e; 0: estimated from the poses."""
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """One pose as it came."""
+
+    frame: str
+    stamp: int  # ns
+    position: Array
+    rotation: Array
+
+
+class TargetTrack:
+    """The poses of the target as they come, and its motion at the capture.
+
+    Attributes
+    ----------
+    dropped : messages that were not taken, by cause
+    odometry_frame : name of the frame that locates the base
+
+    Parameters
+    ----------
+    prefix : of link names in frame names
+    """
+
+    def __init__(self, config: TrackedTargetConfig, prefix: str) -> None:
+        self._config, self._prefix = config, prefix
+        self._readings: list[_Reading] = []
+        self.dropped: Counter[str] = Counter()
+        self.odometry_frame = ''
+
+    def __bool__(self) -> bool:
+        """Whether there is a pose."""
+        return bool(self._readings)
+
+    def add(self, message: Any) -> None:
+        """Add a PoseStamped, PoseWithCovarianceStamped or Odometry."""
+        poses: Sequence[Any] = [message] if source_of(message) == 'odom' else list(_READER.read(message))
+        for each in poses:
+            shape = odometry_shape(each)
+            (stamp,), (numbers,), *_ = shape.columns([each])
+            length = float(np.linalg.norm(numbers[3:7]))
+            if not (np.all(np.isfinite(numbers[:7])) and abs(length - 1.0) < QUATERNION_TOLERANCE):
+                self.dropped[NOT_A_POSE] += 1
+                continue
+            turn = rotation_from_quaternion(numbers[3:7])
+            self._readings.append(_Reading(shape.frame_id.lstrip('/'), int(stamp), numbers[:3], turn))
+        del self._readings[:-_REMEMBERED]
+
+    def flight(
+        self, kernel: MomentumKernel, windows: Sequence[Samples], origin: int, end: float, capture: float
+    ) -> tuple[FreeFlight | None, tuple[str, ...]]:
+        """Return the free motion of the target at the capture, or None, with what to know about it.
+
+        Parameters
+        ----------
+        windows : of the robot before the capture, in order
+        origin : ns, stamp at time 0
+        end, capture : s, until when the target was free, and when it was captured
+        """
+        track, notes = self._located(kernel, windows, origin, end)
+        count = len(track.time)
+        if count < FEWEST:
+            few = f'{count} usable poses of the target before the capture, of {FEWEST} at least: {_UNUSED}'
+            return None, (*notes, few)
+        gap, span = capture - float(track.time[-1]), float(np.ptp(track.time))
+        if gap > span:
+            return None, (*notes, f'the poses of the target end {gap:.3g} s before the capture: {_UNUSED}')
+        if gap > _LATE + capture - end:
+            notes = (*notes, f'the poses of the target end {gap:.3g} s before the capture: its motion is predicted')
+        track = replace(track, time=track.time - capture)
+        config = self._config
+        declared = PoseNoise(config.position_std, config.orientation_std, (config.correlation_time,) * 2)
+        try:
+            flight = free_flight(track, declared)
+        except np.linalg.LinAlgError:
+            return None, (*notes, f'no free body moves as the poses of the target do: {_UNUSED}')
+        excess = _excess(flight, track, declared)
+        if excess > _DOUBTFUL and (reason := _not_free(track, declared, excess)):
+            return None, (*notes, reason)
+        if flight.dropped:
+            notes = (*notes, f'{flight.dropped} of {count} poses of the target jump and are not used')
+        return flight, notes
+
+    def _located(
+        self, kernel: MomentumKernel, windows: Sequence[Samples], origin: int, end: float
+    ) -> tuple[Track, tuple[str, ...]]:
+        """Return the poses until `end`, times since the first sample, in the odometry frame."""
+        own = self.odometry_frame.lstrip('/')
+        links = {self._prefix + link.name: link for link in kernel.model.links}
+        found: dict[int, tuple[Array, Array]] = {}
+        unknown: Counter[str] = Counter()
+        first = end - _LONGEST
+        for reading in self._readings:
+            time = (reading.stamp - origin) * 1e-9
+            if not first < time <= end:
+                continue
+            if reading.frame == own:
+                found[reading.stamp] = reading.position, reading.rotation
+            elif reading.frame in links:
+                seen = _frame_at(kernel, windows, time, links[reading.frame])
+                if seen is not None:
+                    found[reading.stamp] = seen[1] + seen[0] @ reading.position, seen[0] @ reading.rotation
+            else:
+                unknown[reading.frame] += 1
+        notes = tuple(
+            f"{count} poses of the target are in the frame '{frame}', which is neither '{own}' nor that of a link"
+            for frame, count in unknown.items()
+        )
+        self.dropped[OTHER_FRAME] = unknown.total()
+        stamps = sorted(found)
+        stamps = stamps[:: len(stamps) // _MOST + 1]
+        times = np.array([(stamp - origin) * 1e-9 for stamp in stamps])
+        position, rotation = (np.array([found[stamp][part] for stamp in stamps]) for part in (0, 1))
+        return Track(times, position.reshape(-1, 3), rotation.reshape(-1, 3, 3)), notes
+
+
+def _frame_at(kernel: MomentumKernel, windows: Sequence[Samples], time: float, link: Any) -> tuple[Array, Array] | None:
+    """Return rotation and position of a link's frame at a time, s; None where no samples are."""
+    window = next((each for each in windows if each.time[0] <= time <= each.time[-1]), None)
+    if window is None or len(window) < 2:
+        return None
+    after = int(np.clip(np.searchsorted(window.time, time), 1, len(window) - 1))
+    before = after - 1
+    part = (time - window.time[before]) / (window.time[after] - window.time[before])
+    turn = log(window.base_rotation[before].T @ window.base_rotation[after])
+    base = window.base_rotation[before] @ exp(part * turn)
+    place, joints = (
+        each[before] + part * (each[after] - each[before]) for each in (window.base_position, window.joint_position)
+    )
+    rotation, position = kernel.kinematics.configure(base[None], joints[None]).link_pose(link)
+    return rotation[0], place + position[0]
+
+
+def _excess(flight: FreeFlight, track: Track, declared: PoseNoise) -> float:
+    """Return by how many times the poses miss a free body's, in units of their noise."""
+    local = track.local_noise
+    noise = declared.position or max(local[0], 1e-12), declared.orientation or max(local[1], 1e-12)
+    return max(flight.largest[0] / noise[0], flight.largest[1] / noise[1])
+
+
+def _not_free(track: Track, declared: PoseNoise, excess: float) -> str:
+    """Return why poses are not used that no free body has, with the cause where there is one; empty if they are."""
+    text = f'the poses of the target miss those of a free body by {excess:.3g} times their noise'
+    try:
+        inverse = _excess(free_flight(track.inverse, declared), track.inverse, declared)
+    except np.linalg.LinAlgError:
+        inverse = np.inf
+    if inverse < _FOR_SURE * excess:
+        return f'{text}; inverted they fit: publish the target in the frame, not the frame in the target; {_UNUSED}'
+    given = declared.position > 0.0 and declared.orientation > 0.0
+    if excess < (_NOT_FREE if given else _NOT_FREE_BY_DIFFERENCES):
+        return ''
+    return f'{text} (something acts on it, another object, or stamps that are wrong): {_UNUSED}'
+
+
+@dataclass(frozen=True, eq=False)
+class TargetAtCapture:
+    """The target just before its capture, and the robot that captured it."""
+
+    time: float  # s since the first sample
+    flight: FreeFlight
+    kernel: MomentumKernel  # of the robot, its target link with its own inertia
+    sample: Samples  # one, of the robot at the capture
+    momentum: Array  # (6,) (P, L) of the robot before it, odometry frame, L about its origin
+    factor: Array  # (6, w) of its covariance
+    # how that momentum depends on an unknown's independent numbers, (6, e)
+    momentum_columns: Callable[[Unknown], Array]
+    rigid: bool = True  # whether the grasp held from the capture on
+
+    @cached_property
+    def link(self) -> tuple[Array, Array]:
+        """Rotation (3, 3) and position (3,) m of the target link's frame at the capture, odometry frame."""
+        return _link_pose(self.kernel, self.sample)
+
+    def link_columns(self, unknown: Unknown) -> Array:
+        """Return how turn (rad) and place (m) of the link depend on an unknown's independent numbers, (6, e)."""
+        rotation, position = self.link
+        columns = np.zeros((6, unknown.count))
+        for place in range(unknown.count):
+            value = 1e-3 * unknown.factor[:, place]
+            moved = unknown.applied_to(NominalModel.nominal(self.kernel), value)
+            there = _link_pose(moved.kernel, moved.corrected(self.sample))
+            columns[:3, place], columns[3:, place] = log(there[0] @ rotation.T), there[1] - position
+        return columns * 1e3
+
+    @cached_property
+    def link_factor(self) -> Array:
+        """Factor (6, 6) of the covariance of turn and place of the link, by the noise of the base's pose."""
+        covariance = self.sample.pose_covariance[0]
+        by_pose = np.zeros((6, 6))
+        by_pose[:3, 3:] = by_pose[3:, :3] = np.eye(3)
+        by_pose[3:, 3:] = -skew(self.link[1] - self.sample.base_position[0])
+        return np.asarray(by_pose @ np.linalg.cholesky(covariance))
+
+    @cached_property
+    def measured(self) -> tuple[Array, Array]:
+        """The numbers of the motion, (17,), with a factor of their covariance."""
+        flight, place = self.flight, self.link[1]
+        step = 1e-6 * np.eye(flight.rows.shape[1] - 1)
+        forward, back = (
+            np.array([_motion_of(flight.moved(sign * each), place) for each in step]) for sign in (1.0, -1.0)
+        )
+        derivative = (forward - back).T / 2e-6
+        return _motion_of(flight, place), np.asarray(derivative @ np.linalg.cholesky(flight.covariance))
+
+    def selection(self, plane: Array | None) -> tuple[Array, Array]:
+        """Return the (k, 17) numbers that the motion determines, whitened, and those alone: W (motion - measured).
+
+        Second, the names of the groups that are used, as flags (velocity and spin, centre of mass, ratios).
+
+        Parameters
+        ----------
+        plane : (3, 6) equations that hold in a plane, None in space
+        """
+        _, factor = self.measured
+        covariance = factor @ factor.T
+        if not self.rigid:
+            free = np.zeros((3, _NUMBERS))
+            free[:, _VELOCITY] = np.eye(3)
+            return _white(free if plane is None else plane[:2, :3] @ free, covariance), np.array([True, False, False])
+        linear, angular = (np.eye(3), np.eye(3)) if plane is None else (plane[:2, :3], plane[2:, 3:])
+        centre = linear @ covariance[_CENTRE, _CENTRE] @ linear.T
+        values, directions = np.linalg.eigh(centre)
+        sharp = values < _SHARP_CENTRE**2
+        if not sharp.all():
+            # A tight direction is known as well as that of the spin, which turns it by the wide ones.
+            spin = self.measured[0][_SPIN]
+            turn = np.trace(covariance[_SPIN, _SPIN]) / max(float(spin @ spin), 1e-12)
+            covariance[_CENTRE, _CENTRE] += turn * values[-1] * np.eye(3)
+        ratios = covariance[_RATIOS, _RATIOS]
+        shaped = plane is None and float(np.linalg.eigvalsh(ratios)[-1]) < _SHARP_RATIOS**2
+        blocks = ((_POINT, linear), (_SPIN, angular), (_CENTRE, directions[:, sharp].T @ linear))
+        parts = [*blocks, *([(_RATIOS, np.eye(5))] if shaped else [])]
+        rows = np.zeros((sum(len(each) for _, each in parts), _NUMBERS))
+        place = 0
+        for where, each in parts:
+            rows[place : place + len(each), where] = each
+            place += len(each)
+        return _white(rows, covariance), np.array([True, bool(sharp.any()), shaped])
+
+    def motion(self) -> Array:
+        """Return velocity of the centre of mass and spin before the capture, with standard deviations, (4, 3)."""
+        values, factor = self.measured
+        std = np.sqrt(np.sum(factor**2, axis=1))
+        return np.array([values[_VELOCITY], std[_VELOCITY], values[_SPIN], std[_SPIN]])
+
+    def guess(self, mass: float) -> tuple[Array, Array]:
+        """Return a body (10,) with the target link and a momentum (6,) of the whole that have the motion, of a mass."""
+        values, _ = self.measured
+        _, (_, centred, shaped) = self.selection(None) if self.rigid else (None, (True, False, False))
+        rotation, position = self.link
+        centre = values[_CENTRE] if centred else position
+        ratios = np.eye(3) + (np.tensordot(values[_RATIOS], RATIOS, axes=1) if shaped else 0.0)
+        inertia = mass * _GUESSED_RADIUS**2 * ratios
+        velocity = values[_POINT] + cross(values[_SPIN], centre - position)
+        linear = mass * velocity
+        angular = cross(centre, linear) + inertia @ values[_SPIN]
+        own = np.concatenate(([mass], rotation.T @ (centre - position), vec(rotation.T @ inertia @ rotation)))
+        body = standard(own) + self.kernel.target.parameters
+        return body, self.momentum + np.concatenate((linear, angular))
+
+
+def _motion_of(flight: FreeFlight, place: Array) -> Array:
+    """Return the numbers of a motion, (17,), with the velocity of the body's point at a place (3,) m."""
+    spin = flight.rotation @ flight.spin
+    ratios = flight.rotation @ flight.inertia @ flight.rotation.T
+    point = flight.velocity + cross(spin, place - flight.centre)
+    return np.concatenate((point, spin, flight.centre, np.tensordot(RATIOS, ratios, axes=2), flight.velocity))
+
+
+def _link_pose(kernel: MomentumKernel, sample: Samples) -> tuple[Array, Array]:
+    """Return rotation and position of the target link's frame in the odometry frame in one sample."""
+    configuration = kernel.kinematics.configure(sample.base_rotation, sample.joint_position)
+    rotation, position = configuration.link_pose(kernel.target)
+    return rotation[0], sample.base_position[0] + position[0]
+
+
+def _white(rows: Array, covariance: Array) -> Array:
+    return np.asarray(np.linalg.solve(np.linalg.cholesky(rows @ covariance @ rows.T), rows))
+
+
+@dataclass(frozen=True, eq=False)
+class _Weights:
+    """A body's numbers by which misfits of momenta are divided: mass, trace of inertia about its centre, (6, 6)."""
+
+    mass: float
+    trace: float
+    back: Array
+
+
+@dataclass(frozen=True, eq=False)
+class CaptureRows:
+    """The rows of conservation across the capture, in the filter's variables: predicted less measured motion.
+
+    The momentum of the whole less that of the robot is the body's, at its measured motion linear in the ten parameters.
+    Errors of the motion are weighed with the body's own inertia, at the point of linearisation.
+    """
+
+    target: TargetAtCapture
+    layout: Layout
+    origin: Array  # (3,) m, that the state's angular momentum is about, odometry frame
+
+    @cached_property
+    def _selected(self) -> Array:
+        return self.target.selection(self.layout.plane)[0]
+
+    @cached_property
+    def _by_state(self) -> Array:
+        """How the predicting numbers depend on the state, (28, s)."""
+        layout, target = self.layout, self.target
+        matrix = np.zeros((_ROBOT.stop, layout.size))
+        matrix[_WHOLE, LINEAR.start : ANGULAR.stop] = np.eye(6)
+        matrix[3:6, LINEAR] = skew(self.origin)
+        matrix[_BODY, BODY] = np.eye(10)
+        for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+            matrix[_LINK, place] = target.link_columns(unknown)
+            matrix[_ROBOT, place] = target.momentum_columns(unknown)
+        return matrix
+
+    @property
+    def _at_zero(self) -> Array:
+        """The predicting numbers of a state of zeros, (28,)."""
+        values = np.zeros(_ROBOT.stop)
+        values[_BODY], values[_ROBOT] = -self.target.kernel.target.parameters, self.target.momentum
+        return values
+
+    def at(self, point: Point, variables: Variables) -> Array:
+        """Return the (k, v + 1) rows of unit variance, values last, linearised at a point.
+
+        Raises LinAlgError: The body there cannot be captured.
+        """
+        target, state = self.target, point.state
+        misfit, by_numbers = self._misfit(self._at_zero + self._by_state @ state)
+        value, by_numbers = self._selected @ misfit, self._selected @ by_numbers
+        noise = np.column_stack((by_numbers[:, _LINK] @ target.link_factor, by_numbers[:, _ROBOT] @ target.factor))
+        root = np.linalg.cholesky(np.eye(len(noise)) + noise @ noise.T)
+        value, by_numbers = (np.linalg.solve(root, each) for each in (value, by_numbers))
+        if self.layout.plane is None:  # a plane determines its one moment of inertia
+            of_size, by_size = self._size(self._at_zero + self._by_state @ state)
+            value, by_numbers = np.concatenate((value, of_size)), np.concatenate((by_numbers, by_size))
+        rows = variables.rows(by_numbers @ self._by_state)
+        return np.column_stack((rows, rows @ (variables.from_state @ state) - value))
+
+    def _misfit(self, numbers: Array) -> tuple[Array, Array]:
+        """Return by how much the measured motion is short of the predicted one, (17,), and its derivatives (17, 28)."""
+        body = numbers[_BODY]
+        if not body[0] > 0.0:
+            raise np.linalg.LinAlgError('a captured body without mass')
+        fixed = self._held(body)
+        steps = numbers + 1j * _TINY * np.eye(len(numbers))
+        moved = np.array([self._linear_misfit(each, fixed) for each in steps])
+        return moved[0].real, moved.imag.T / _TINY
+
+    def _size(self, numbers: Array) -> tuple[Array, Array]:
+        """Return the misfit (6,) of the inertia about the centre of mass with any plausible one, and derivatives.
+
+        Without, directions that neither ratios nor momentum determine would lead to bodies that cannot exist.
+        """
+        body = numbers[_BODY]
+        derivative = np.zeros((6, len(numbers)))
+        scale = body[0] * _LARGEST_RADIUS**2
+        derivative[:, _BODY] = physical_jacobian(body)[4:] / scale
+        usual = body[0] * _GUESSED_RADIUS**2 * vec(np.eye(3))
+        return (physical(body)[4:] - usual) / scale, derivative
+
+    def _held(self, body: Array) -> _Weights:
+        """Return what turns misfits of momenta into those of the motion, for a body (10,)."""
+        rotation, _ = self.target.link
+        turned = rotation @ unvec(body[4:]) @ rotation.T
+        arm = skew(rotation @ body[1:4])
+        matrix = np.block([[body[0] * np.eye(3), -arm], [arm, turned]])
+        select = np.eye(6) if self.layout.plane is None else self.layout.plane
+        back = select.T @ np.linalg.solve(select @ matrix @ select.T, select)
+        trace = float(np.sum(physical(body)[[4, 7, 9]]))
+        return _Weights(float(body[0]), trace if trace > 0.0 else 1.0, back)
+
+    def _linear_misfit(self, numbers: Array, fixed: _Weights) -> Array:
+        """Return the misfit of the motion, linear in momentum and body but for the inertia about its centre of mass."""
+        rotation, position = self.target.link
+        measured, _ = self.target.measured
+        turned = rotation + skew_of(numbers[_LINK][:3]) @ rotation
+        mass, moved = numbers[_BODY][0], skew_of(numbers[_LINK][3:])
+        first = turned @ numbers[_BODY][1:4]
+        # About the link's place as it is taken to be.
+        about_link = turned @ _symmetric(numbers[_BODY][4:]) @ turned.T
+        about_link = about_link - skew_of(first) @ moved - moved @ skew_of(first)
+        first = first + mass * numbers[_LINK][3:]
+        velocity, spin = measured[_POINT], measured[_SPIN]
+        came = numbers[_WHOLE] - numbers[_ROBOT]
+        linear = came[:3] - mass * velocity - np.cross(spin, first)
+        angular = came[3:] - np.cross(position, came[:3]) - np.cross(first, velocity) - about_link @ spin
+        short = fixed.back @ np.concatenate((linear, angular))
+        centre = (first - mass * (measured[_CENTRE] - position)) / fixed.mass
+        arm = skew_of(first)
+        inertia = about_link + arm @ arm / mass
+        share = np.tensordot(RATIOS, 3.0 * inertia, axes=2) - np.trace(inertia) * measured[_RATIOS]
+        return np.concatenate(
+            (short, centre, share / fixed.trace, (came[:3] - mass * measured[_VELOCITY]) / fixed.mass)
+        )
+
+    def point(self, mass: float) -> Point:
+        """Return where a search begins, with a captured body of some mass."""
+        body, momentum = self.target.guess(mass)
+        momentum[3:] -= cross(self.origin, momentum[:3])
+        return self.layout.point(self.layout.state(body, momentum))
+
+
+def skew_of(vector: Array) -> Array:
+    """Return [a]x of (3,), complex or not."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _symmetric(elements: Array) -> Array:
+    """Return the matrix of its six elements (xx, xy, xz, yy, yz, zz), complex or not."""
+    xx, xy, xz, yy, yz, zz = elements
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

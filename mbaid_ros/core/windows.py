@@ -12,7 +12,12 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags, Integers, cross, crossed, exp, log, mounted_base, skew
 from mbaid_ros.core.robot.momentum import THRUSTER_ERRORS, BodyStates, about_points
-from mbaid_ros.core.samples import ArrayRecord, Samples, SensorNoise
+from mbaid_ros.core.samples import (
+    ArrayRecord,
+    Samples,
+    SensorNoise,
+    Stamps,
+)
 
 # Knots that a window needs of its neighbours, before and after, for its fourth-order formulas.
 BEFORE, AFTER = 3, 4
@@ -29,6 +34,42 @@ _KNOTS_A_PERIOD = 10.0
 _FEWEST_KNOTS = 5  # of a window: the window before it needs four of them
 # Range of a joint's knots from which it has moved, in deviations of one sample: noise reaches nine in an hour.
 _MOVED = 10.0
+
+
+class Windows:
+    """Collects samples and releases each window of a length (s) once a later sample has arrived.
+
+    Window k holds the samples with k <= time / length < k + 1.
+    """
+
+    def __init__(self, length: float) -> None:
+        self._length = length
+        self._parts: list[Samples] = []
+
+    def push(self, samples: Samples) -> list[Samples]:
+        """Add samples; return the windows that they close, in order, without empty ones."""
+        number = self._numbers(samples)
+        last = self._numbers(self._parts[-1])[-1] if self._parts else number[0]
+        starts = np.flatnonzero(np.diff(number, prepend=last))
+        closed = []
+        begin = 0
+        for start in starts:
+            if start > begin:
+                self._parts.append(samples[begin:start])
+            closed.append(Samples.concatenate(self._parts))
+            self._parts = []
+            begin = start
+        self._parts.append(samples[begin:])
+        return closed
+
+    def flush(self) -> list[Samples]:
+        """Return the open window."""
+        parts, self._parts = self._parts, []
+        return [Samples.concatenate(parts)] if parts else []
+
+    def _numbers(self, samples: Samples) -> Stamps:
+        # A nanosecond of slack: 0.5 s after the first sample is in window 1, however the division rounds.
+        return np.floor((samples.time + 1e-9) / self._length).astype(np.int64)
 
 
 @dataclass(frozen=True)

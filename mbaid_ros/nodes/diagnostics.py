@@ -13,9 +13,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from mbaid_ros.core.forces import LATE_THRUST
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.interval import PARAMETERS, UNITS, rounded
-from mbaid_ros.core.results.budget import MAIN_CAUSES, UNOBSERVABLE
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import MAIN_CAUSES, PARAMETERS, UNITS, UNOBSERVABLE, Estimate, rounded
 from mbaid_ros.errors import listing
 from mbaid_ros.nodes.subscriptions import LOST, Subscriptions
 from mbaid_ros.nodes.watch import ESTIMATE, NEXT

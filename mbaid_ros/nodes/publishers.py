@@ -18,8 +18,7 @@ from std_msgs.msg import String
 from mbaid_ros.cli import one_line
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.capture import Capture
-from mbaid_ros.core.interval import PARAMETERS, UNITS, rounded
-from mbaid_ros.core.results.estimate import Estimate, is_complete
+from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate, is_complete, rounded
 from mbaid_ros.core.robot.urdf import replace_inertial
 from mbaid_ros.core.target import Debris
 from mbaid_ros.errors import listing

@@ -24,8 +24,7 @@ from rclpy.subscription import Subscription
 
 from mbaid_ros.cli import one_line
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.interval import PARAMETERS, UNITS, rounded
-from mbaid_ros.core.results.budget import MAIN_CAUSES, ErrorBudget
+from mbaid_ros.core.results.estimate import MAIN_CAUSES, PARAMETERS, UNITS, ErrorBudget, rounded
 from mbaid_ros.errors import ParameterError, listing
 from mbaid_ros.estimate_messages import parameters_of
 from mbaid_ros.nodes.runner import Interrupt, NoParameters, declare_parameters, spin

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.interval import PARAMETERS
+from mbaid_ros.core.results.estimate import PARAMETERS
 from mbaid_ros.core.state import Point
 from mbaid_ros.joint_trajectory import JointTrajectory
 from mbaid_ros.planning.collisions import INSTANTS, Collisions

@@ -12,11 +12,11 @@ import numpy as np
 
 from mbaid_ros.core.filter.linearise import predict
 from mbaid_ros.core.geometry import Array, composed, cross, log, rotate, rotate_back
-from mbaid_ros.core.passive.swing import starting_states, transition_steps
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.robot.momentum import in_plane, inverse_inertia_and_momentum
 from mbaid_ros.core.samples import ArrayRecord
 from mbaid_ros.core.state import Layout, Point
+from mbaid_ros.core.swing import starting_states, transition_steps
 from mbaid_ros.core.windows import Midpoints
 
 

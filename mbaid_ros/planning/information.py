@@ -19,7 +19,7 @@ from mbaid_ros.core.filter.linearise import TOGETHER, LinearisationCache, Whiten
 from mbaid_ros.core.filter.posterior import FIRST, MeanAndCovariance, Posterior
 from mbaid_ros.core.filter.time_update import advance
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.results.identifiable import Reporting, relative_std
+from mbaid_ros.core.results.verdict import Reporting, relative_std
 from mbaid_ros.core.robot.body import physical, physical_jacobian
 from mbaid_ros.core.robot.momentum import THRUSTER_ERRORS
 from mbaid_ros.core.state import BODY, Point

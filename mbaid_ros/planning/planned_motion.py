@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.interval import PARAMETERS
+from mbaid_ros.core.results.estimate import PARAMETERS
 from mbaid_ros.joint_trajectory import JointTrajectory
 
 _WHOLE = 0.95  # of the longest motion that is looked for, from which one counts as that long

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbaid_ros.core.filter.posterior import Posterior
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.identifiable import Reporting
+from mbaid_ros.core.results.verdict import Reporting
 from mbaid_ros.errors import ParameterError, listing
 from mbaid_ros.planning.assurance import RobustLimits, beyond_motion, single_joint
 from mbaid_ros.planning.collisions import Collisions, ReadMesh, no_mesh

@@ -7,7 +7,7 @@ from datetime import datetime, timezone
 import numpy as np
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.interval import PARAMETERS
+from mbaid_ros.core.results.estimate import PARAMETERS
 from mbaid_ros.replay.read_back import Identified
 
 # The standard writes the products with a minus sign into the matrix (annex F6): they are opposite to its elements.

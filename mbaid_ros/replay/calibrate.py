@@ -17,9 +17,9 @@ from mbaid_ros.config.calibration_file import NODE, calibration_parameters
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.config.parameter_files import given_parameters, read_robot_description
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.interval import PARAMETERS
 from mbaid_ros.core.links import KnownLinksConfig, link_deviations, relative_factor
-from mbaid_ros.core.passive.model import springs
+from mbaid_ros.core.passive import springs
+from mbaid_ros.core.results.estimate import PARAMETERS
 from mbaid_ros.core.robot.model import Link, RobotModel, displaced, load_model
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.robot.urdf import displace_joint, replace_inertial

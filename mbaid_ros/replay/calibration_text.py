@@ -13,8 +13,8 @@ from mbaid_ros.cli import one_line
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.contracts import underestimated_text
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.interval import BAND, PARAMETERS, rounded
-from mbaid_ros.core.results.identifiable import IDENTIFIABLE_STD, LARGEST_RESIDUAL
+from mbaid_ros.core.results.estimate import BAND, PARAMETERS, rounded
+from mbaid_ros.core.results.verdict import IDENTIFIABLE_STD, LARGEST_RESIDUAL
 from mbaid_ros.core.robot.body import LENGTH
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.errors import listing

@@ -17,7 +17,7 @@ import pinocchio
 from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line, warn
 from mbaid_ros.config.parameter_files import read_robot_description
 from mbaid_ros.core.geometry import Array, quaternion_from_rotation, unvec, vec
-from mbaid_ros.core.interval import PARAMETERS
+from mbaid_ros.core.results.estimate import PARAMETERS
 from mbaid_ros.core.robot.body import is_physical, physical, principal, standard
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.urdf import replace_inertial

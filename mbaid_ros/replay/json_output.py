@@ -13,12 +13,10 @@ import yaml
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.interval import PARAMETERS
+from mbaid_ros.core.noise import CHANNELS, NoiseLevels
 from mbaid_ros.core.repair import Repair
-from mbaid_ros.core.results.estimate import PassiveJoint
-from mbaid_ros.core.results.noise_levels import CHANNELS, NoiseLevels
-from mbaid_ros.core.target import Debris
-from mbaid_ros.core.tracked_target import TargetAtCapture
+from mbaid_ros.core.results.estimate import PARAMETERS, PassiveJoint
+from mbaid_ros.core.target import Debris, TargetAtCapture
 from mbaid_ros.parameters import values_of
 from mbaid_ros.replay.whole_run import Run
 from mbaid_ros.session.continuation import continuation_as_json

@@ -16,9 +16,9 @@ from mbaid_ros.cli import warn
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.geometry import Array, log
 from mbaid_ros.core.joints.stream import TurnCounter, joint_channels
+from mbaid_ros.core.noise import TYPICAL
 from mbaid_ros.core.odometry.stream import POSE, AttachedFrame, OdometryReader, PoseReader, source_of
 from mbaid_ros.core.outliers import JOINT_OUTLIER, Outliers
-from mbaid_ros.core.results.noise_levels import TYPICAL
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise, Stamps, stamps_of
 from mbaid_ros.errors import DataError, listing
 from mbaid_ros.replay.inputs import Inputs, between

@@ -19,7 +19,7 @@ from mbaid_ros.cli import EXIT_INCONSISTENT, EXIT_NOT_DETERMINED, one_line, warn
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.config.motion_files import as_yaml
 from mbaid_ros.config.parameter_files import given_parameters, read_robot_description
-from mbaid_ros.core.interval import PARAMETERS
+from mbaid_ros.core.results.estimate import PARAMETERS
 from mbaid_ros.errors import DataError, ParameterError
 from mbaid_ros.estimate_messages import trajectory_message
 from mbaid_ros.files import write_text

@@ -15,8 +15,7 @@ import numpy as np
 from mbaid_ros import limits
 from mbaid_ros.bags import BagReader
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.interval import PARAMETERS
-from mbaid_ros.core.results.estimate import contradiction
+from mbaid_ros.core.results.estimate import PARAMETERS, contradiction
 from mbaid_ros.errors import DataError, ParameterError, listing
 from mbaid_ros.estimate_messages import parameters_of
 from mbaid_ros.files import read_json

@@ -11,12 +11,10 @@ from mbaid_ros.cli import one_line
 from mbaid_ros.config.estimator_parameters import ConvergenceConfig
 from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.interval import PARAMETERS, UNITS, rounded
 from mbaid_ros.core.method import FIRST_STAGE
 from mbaid_ros.core.repair import leading_repair
-from mbaid_ros.core.results.budget import MAIN_CAUSES, UNOBSERVABLE
-from mbaid_ros.core.results.estimate import WITHHELD, Estimate
-from mbaid_ros.core.results.identifiable import imprecise
+from mbaid_ros.core.results.estimate import MAIN_CAUSES, PARAMETERS, UNITS, UNOBSERVABLE, WITHHELD, Estimate, rounded
+from mbaid_ros.core.results.verdict import imprecise
 from mbaid_ros.core.samples import JOINT_MISSING
 from mbaid_ros.errors import listing
 from mbaid_ros.replay.whole_run import Run

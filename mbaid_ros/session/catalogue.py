@@ -65,7 +65,7 @@ from mbaid_ros.core.odometry.model import (
     twist_bias,
 )
 from mbaid_ros.core.orbit import declared_gravity, declared_orbit_shape
-from mbaid_ros.core.passive.model import declared_springs
+from mbaid_ros.core.passive import declared_springs
 from mbaid_ros.core.poses import declared_poses, pose_inputs, pose_instruments, pose_sensors
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.momentum import MomentumKernel

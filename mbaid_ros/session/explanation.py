@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mbaid_ros.core.clocks import BAD_NANOSEC, LATE, OTHER_CLOCK, ZERO_STAMP
 from mbaid_ros.core.forces import FAR_THRUST, UNKNOWN_FRAME
 from mbaid_ros.core.gyro import IMU, IMU_FRAME
 from mbaid_ros.core.joints.stream import PARTNER_GAP
@@ -22,7 +23,6 @@ from mbaid_ros.core.samples import (
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
 )
-from mbaid_ros.core.streams import BAD_NANOSEC, LATE, OTHER_CLOCK, ZERO_STAMP
 from mbaid_ros.core.wheels import OTHER_MOMENTUM_FRAME
 from mbaid_ros.errors import listing
 from mbaid_ros.parameters import topic_of

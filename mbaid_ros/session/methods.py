@@ -9,16 +9,15 @@ import numpy as np
 
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.capture import CaptureEstimator
-from mbaid_ros.core.difference.paper import PaperEstimator, PaperSettings
-from mbaid_ros.core.difference.weighted import DifferenceEstimator, DifferenceSettings
+from mbaid_ros.core.difference import DifferenceEstimator, DifferenceSettings
 from mbaid_ros.core.filter.posterior import Continuation
 from mbaid_ros.core.links import declared_errors
 from mbaid_ros.core.method import TrajectoryEstimator, TrajectorySettings, TwoStageEstimator
+from mbaid_ros.core.paper import PaperEstimator, PaperSettings
 from mbaid_ros.core.pipeline import Estimator
-from mbaid_ros.core.results.identifiable import IDENTIFIABLE_STD, LARGEST_RESIDUAL, Reporting
+from mbaid_ros.core.results.verdict import IDENTIFIABLE_STD, LARGEST_RESIDUAL, Reporting
 from mbaid_ros.core.robot.momentum import MomentumKernel, unknown_scale
-from mbaid_ros.core.target import KnownTarget
-from mbaid_ros.core.tracked_target import TargetAtCapture, TargetTrack
+from mbaid_ros.core.target import KnownTarget, TargetAtCapture, TargetTrack
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.session.catalogue import conventions, hypotheses, suspects
 from mbaid_ros.session.robot import KnownRobot, nominal_model

@@ -32,7 +32,7 @@ from mbaid_ros.core.links import (
 )
 from mbaid_ros.core.odometry.model import marker_frame, odometry_mount
 from mbaid_ros.core.odometry.stream import AttachedFrame
-from mbaid_ros.core.passive.model import joints_carrying_target, springs
+from mbaid_ros.core.passive import joints_carrying_target, springs
 from mbaid_ros.core.results.estimate import CapturePhase, Estimate
 from mbaid_ros.core.robot.body import body_sizes
 from mbaid_ros.core.robot.model import Link, RobotModel, load_model

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.clocks import BAD_NANOSEC, OTHER_CLOCK, Gate, Reorder
 from mbaid_ros.core.contracts import Check, Instrument
 from mbaid_ros.core.filter.posterior import Continuation, Posterior
 from mbaid_ros.core.forces import EXACT_THRUST, LATE_THRUST, SHARED_THRUST, Thrust, uncertain_thrusters, wrench_of
@@ -29,8 +30,7 @@ from mbaid_ros.core.poses import REFERENCE_GAP, reference
 from mbaid_ros.core.repair import Conversion, Repair
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import BaseStream, Input, JointStream, Packets, Source, number_of, stamp_of, stamps_of
-from mbaid_ros.core.streams import BAD_NANOSEC, OTHER_CLOCK, Gate, Reorder
-from mbaid_ros.core.tracked_target import TargetTrack
+from mbaid_ros.core.target import TargetTrack
 from mbaid_ros.core.wheels import StoredMomentum, vector_of
 from mbaid_ros.errors import DataError, ParameterError, listing
 from mbaid_ros.estimate_messages import Frames

@@ -9,9 +9,9 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, Integers, cross, rotate, rotate_back, unvec
 from mbaid_ros.core.orbit import Orbit
-from mbaid_ros.core.passive.swing import cantilever
 from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.robot.model import Kinematics, Link, RobotModel
+from mbaid_ros.core.swing import cantilever
 from mbaid_ros.simulation import quaternions
 
 

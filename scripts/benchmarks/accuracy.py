@@ -9,10 +9,9 @@ from benchmarks.data import MAXIMUM_GAP, Case, kernel, momentum_of, motion, obse
 from benchmarks.frame import Frame, Runs, declared
 from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.noise import NoiseEstimator
+from mbaid_ros.core.noise import CHANNELS, NoiseEstimator
 from mbaid_ros.core.pipeline import Identifier
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.noise_levels import CHANNELS
 from mbaid_ros.core.samples import BaseStream, JointStream, SensorNoise
 from mbaid_ros.parameters import build
 from mbaid_ros.replay.campaigns.statistics import coverage, mean, nees, nees_band, rmse

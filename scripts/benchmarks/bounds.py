@@ -13,8 +13,8 @@ import numpy as np
 from scipy.interpolate import BSpline
 
 from benchmarks.data import Case, exact_samples, kernel, momentum_of
-from mbaid_ros.core.difference.likelihood import maximum_likelihood
-from mbaid_ros.core.difference.weighted import Subspace, subspace, window_rows
+from mbaid_ros.core.difference import Subspace, subspace, window_rows
+from mbaid_ros.core.difference_solver import maximum_likelihood
 from mbaid_ros.core.filter.linearise import predict
 from mbaid_ros.core.geometry import Array, Flags, cross
 from mbaid_ros.core.joints.model import joint_gains

@@ -30,17 +30,16 @@ from mbaid_ros.core.filter.linearise import LinearisationCache
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.filter.time_update import advance
 from mbaid_ros.core.geometry import Array, cross
-from mbaid_ros.core.interval import PARAMETERS
 from mbaid_ros.core.joints.model import JointPlacements
 from mbaid_ros.core.links import KnownBodies, declared_errors, relative_factor
 from mbaid_ros.core.odometry.model import OdometryMount
 from mbaid_ros.core.pipeline import Identifier
+from mbaid_ros.core.results.estimate import PARAMETERS
 from mbaid_ros.core.robot.body import body_sizes, physical_jacobian
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.state import BODY, MOMENTUM, layout_of, variables
-from mbaid_ros.core.streams import Windows
-from mbaid_ros.core.windows import KnotAveraging, Window
+from mbaid_ros.core.windows import KnotAveraging, Window, Windows
 from mbaid_ros.parameters import build
 from mbaid_ros.replay.campaigns.statistics import coverage, mean, nees, nees_band
 from mbaid_ros.session.catalogue import declaration

@@ -16,7 +16,7 @@ from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.robot.urdf import replace_inertial
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.streams import Windows
+from mbaid_ros.core.windows import Windows
 from mbaid_ros.parameters import build
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulation.simulation import Truth

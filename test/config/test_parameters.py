@@ -12,7 +12,7 @@ import pytest
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.config.parameter_files import load_parameter_file, parse_assignment
 from mbaid_ros.config.simulator_parameters import SimulatorConfig
-from mbaid_ros.core.results.noise_levels import CHANNELS
+from mbaid_ros.core.noise import CHANNELS
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.errors import ParameterError

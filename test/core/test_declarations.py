@@ -14,7 +14,7 @@ from mbaid_ros.core.contracts import NominalModel, deviation_text, underestimate
 from mbaid_ros.core.forces import DisturbanceModel, disturbances, thrusters
 from mbaid_ros.core.geometry import Array, exp, rotate
 from mbaid_ros.core.gyro import GyroErrors, gyro
-from mbaid_ros.core.passive.model import resolved, spring_errors, starting_swing, swing_noise
+from mbaid_ros.core.passive import resolved, spring_errors, starting_swing, swing_noise
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import Springs
 from mbaid_ros.core.state import UnknownsPrior, in_plane_map

@@ -9,7 +9,9 @@ from checked import generic
 from mbaid_ros.core.geometry import exp
 from mbaid_ros.core.noise import (
     BINOMIAL,
+    CHANNELS,
     Differences,
+    NoiseLevels,
     _correlation_factor,
     _turns,
     _weights,
@@ -17,7 +19,6 @@ from mbaid_ros.core.noise import (
     variances,
     white_noise,
 )
-from mbaid_ros.core.results.noise_levels import CHANNELS, NoiseLevels
 
 
 @pytest.mark.parametrize('count', [1, 2, 3, 8, 9])

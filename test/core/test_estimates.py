@@ -8,7 +8,7 @@ import pytest
 from mbaid_ros.core.clocks import time_offset
 from mbaid_ros.core.contracts import Unknown
 from mbaid_ros.core.orbit import gravity
-from mbaid_ros.core.passive.model import spring_errors, starting_swing, swing_noise
+from mbaid_ros.core.passive import spring_errors, starting_swing, swing_noise
 
 RATE = 1.1e-3  # rad/s
 

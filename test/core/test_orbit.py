@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from benchmarks.data import simulator_config
-from mbaid_ros.core.difference.weighted import window_rows
+from mbaid_ros.core.difference import window_rows
 from mbaid_ros.core.geometry import Array, exp, rotation_from_quaternion, skew, unvec
 from mbaid_ros.core.odometry.stream import orientation_only
 from mbaid_ros.core.orbit import FallingFrame, Orbit, Turning

@@ -14,7 +14,7 @@ from mbaid_ros.core import pipeline
 from mbaid_ros.core.geometry import Array, log
 from mbaid_ros.core.pipeline import NO_ODOMETRY, ODOMETRY_GAP, OUT_OF_ORDER, Synchroniser
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise, Stamps
-from mbaid_ros.core.streams import Windows
+from mbaid_ros.core.windows import Windows
 from windowed import base_stream, joint_stream, piece, smooth_motion
 
 SECOND = 1_000_000_000

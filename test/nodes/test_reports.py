@@ -18,7 +18,7 @@ from mbaid_msgs.msg import InertiaEstimate
 
 from graph import PATIENCE, Graph, executable
 from made_runs import BODY, HOSTILE, budget, estimate, planar
-from mbaid_ros.core.results.noise_levels import NoiseLevels
+from mbaid_ros.core.noise import NoiseLevels
 from mbaid_ros.estimate_messages import Frames, estimate_message
 from mbaid_ros.nodes import diagnostics, publishers
 from mbaid_ros.nodes.diagnostics import ERROR, OK, Diagnostics, RunState, estimate_report

@@ -15,7 +15,7 @@ import pytest
 
 from campaigns import TEXT, refused, written
 from mbaid_ros.config.campaign_file import CampaignRun
-from mbaid_ros.core.interval import PARAMETERS
+from mbaid_ros.core.results.estimate import PARAMETERS
 from mbaid_ros.replay.arguments import campaign, replay, simulate
 from mbaid_ros.replay.campaigns import campaign as command
 from mbaid_ros.replay.campaigns.make import make

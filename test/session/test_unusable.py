@@ -11,7 +11,9 @@ import pytest
 
 import defects
 from defects import JOINTS, ODOMETRY, Arrival, Defect, arrivals, changed, estimates, shifted
+from mbaid_ros.core.clocks import LATE, OTHER_CLOCK, STRAY_STAMP, ZERO_STAMP
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.outliers import REPEATED
 from mbaid_ros.core.pipeline import JOINT_RATES_DERIVED, POSES_ALONE, TWIST_DERIVED
 from mbaid_ros.core.samples import (
     BAD_QUATERNION,
@@ -22,7 +24,6 @@ from mbaid_ros.core.samples import (
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
 )
-from mbaid_ros.core.streams import LATE, OTHER_CLOCK, REPEATED, STRAY_STAMP, ZERO_STAMP
 from mbaid_ros.session.explanation import explain, intake_warnings, missing_joints, obstacles, remarks
 from recorded import header, of
 from sessions import first_columns

@@ -30,7 +30,7 @@ from mbaid_ros.core.joints.faults import (
 from mbaid_ros.core.joints.model import tracking_repair
 from mbaid_ros.core.odometry.faults import twist_check, vibration_frequencies
 from mbaid_ros.core.odometry.model import OF_TWIST, marker_text, vibration
-from mbaid_ros.core.passive.model import swinging_text
+from mbaid_ros.core.passive import swinging_text
 from mbaid_ros.core.repair import Conversion, Repair, widened
 from mbaid_ros.core.results.estimate import PULSE
 from mbaid_ros.core.results.innovations import Innovations

@@ -28,8 +28,7 @@ from mbaid_ros.core.filter.linearise import LINEARISED, LinearisationCache
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.geometry import Array, chi_square_limit
 from mbaid_ros.core.gyro import angular_momentum
-from mbaid_ros.core.results.identifiable import Nonlinearity
-from mbaid_ros.core.results.verdict import IMPOSSIBLE
+from mbaid_ros.core.results.verdict import IMPOSSIBLE, Nonlinearity
 from mbaid_ros.core.robot.body import is_physical, physical_shift, project
 from mbaid_ros.core.robot.momentum import unknown_scale
 from mbaid_ros.core.state import BODY, BODY_PLACES, LINEAR, Layout, Point, Variables, trust_region

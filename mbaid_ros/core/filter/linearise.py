@@ -29,16 +29,6 @@ from mbaid_ros.core.odometry.model import (
     telescoped,
     total,
 )
-from mbaid_ros.core.passive.swing import (
-    BESIDE,
-    Motions,
-    PassiveColumns,
-    PassiveInertias,
-    PassiveMotion,
-    SwingTrajectory,
-    passive_columns,
-    spring_constants,
-)
 from mbaid_ros.core.robot.model import Configuration, express
 from mbaid_ros.core.robot.momentum import (
     THRUSTER_ERRORS,
@@ -52,6 +42,16 @@ from mbaid_ros.core.robot.momentum import (
 )
 from mbaid_ros.core.samples import ArrayRecord
 from mbaid_ros.core.state import BODY, MOMENTUM, POSE, Layout, Point, Variables
+from mbaid_ros.core.swing import (
+    BESIDE,
+    Motions,
+    PassiveColumns,
+    PassiveInertias,
+    PassiveMotion,
+    SwingTrajectory,
+    passive_columns,
+    spring_constants,
+)
 from mbaid_ros.core.windows import ANGULAR_FIRST, Bodies, Midpoints, Prediction, Window, gradient
 
 _IDENTITY = np.eye(6)

@@ -16,9 +16,8 @@ from mbaid_ros.core.filter.gaussian import SquareRootInformation, upper_ones
 from mbaid_ros.core.filter.time_update import new_motion
 from mbaid_ros.core.geometry import Array, Flags, Integers, cross
 from mbaid_ros.core.joints.model import InformationCorrection
-from mbaid_ros.core.results.budget import SENSOR_NOISE, DeferredBudget, ErrorBudget
-from mbaid_ros.core.results.identifiable import LARGEST_SHIFT
-from mbaid_ros.core.results.verdict import Distance
+from mbaid_ros.core.results.estimate import SENSOR_NOISE, DeferredBudget, ErrorBudget
+from mbaid_ros.core.results.verdict import LARGEST_SHIFT, Distance
 from mbaid_ros.core.robot.body import physical_jacobian
 from mbaid_ros.core.samples import FEWEST, Samples, SensorNoise, with_rates
 from mbaid_ros.core.state import BODY, BODY_PLACES, LINEAR, MOMENTUM, Declared, Layout, Point, Variables

@@ -15,9 +15,8 @@ from mbaid_ros.core.filter.hypotheses import Bank, HypothesisFilter, leader, upd
 from mbaid_ros.core.filter.linearise import LinearisationCache
 from mbaid_ros.core.filter.posterior import MeanAndCovariance, VarianceComponents
 from mbaid_ros.core.geometry import Array, Flags, chi_square_limit
-from mbaid_ros.core.passive.model import resolved_frequencies
-from mbaid_ros.core.results.identifiable import Nonlinearity
-from mbaid_ros.core.results.verdict import LARGEST_NIS
+from mbaid_ros.core.passive import resolved_frequencies
+from mbaid_ros.core.results.verdict import LARGEST_NIS, Nonlinearity
 from mbaid_ros.core.robot.body import body_sizes
 from mbaid_ros.core.state import BODY, BODY_PLACES, Layout, Point, Variables, trust_region
 from mbaid_ros.core.windows import Window

@@ -13,12 +13,13 @@ from scipy.linalg.lapack import dtrtrs
 
 from mbaid_ros.core.contracts import CLEAR, Linear, NominalModel, Stack, Unknown, Words, diagonal
 from mbaid_ros.core.geometry import Array, Integers, cross, rotate, skew
-from mbaid_ros.core.passive.swing import of_swing, passive_momenta
-from mbaid_ros.core.repair import Repair, Setting, numbers, widened, wider_prior, with_band
+from mbaid_ros.core.repair import Repair, Setting, numbers, widened, wider_prior
+from mbaid_ros.core.results.estimate import with_band
 from mbaid_ros.core.robot.model import Kinematics, PlaneDetector, RobotModel
 from mbaid_ros.core.robot.momentum import BodyStates, MomentumKernel, inertia_matrix, sensitivity_to_joints
 from mbaid_ros.core.samples import ArrayRecord
 from mbaid_ros.core.state import BODY, Layout, Variables
+from mbaid_ros.core.swing import of_swing, passive_momenta
 from mbaid_ros.core.wheels import by_readings
 from mbaid_ros.core.windows import ANGULAR_FIRST, Bodies, Midpoints, Prediction
 from mbaid_ros.errors import ParameterError, listing

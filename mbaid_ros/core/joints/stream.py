@@ -10,6 +10,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from mbaid_ros.core.clocks import LARGEST_BACKLOG, Reorder
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.outliers import QUARTILE_OF_ONE, Channels
 from mbaid_ros.core.samples import (
@@ -29,7 +30,6 @@ from mbaid_ros.core.samples import (
     number_of,
     stamps_of,
 )
-from mbaid_ros.core.streams import LARGEST_BACKLOG, Reorder
 
 # rad from one reading to the next by the velocity: compared with the positions, and trusted more than the shorter way.
 _COMPARED, _FAST = 0.1, 0.5 * np.pi

@@ -36,7 +36,8 @@ from mbaid_ros.core.geometry import (
 from mbaid_ros.core.joints.model import JointNoise
 from mbaid_ros.core.odometry.stream import AttachedFrame
 from mbaid_ros.core.orbit import orbit_fixed_frame
-from mbaid_ros.core.repair import Conversion, Repair, Setting, numbers, widened, wider_prior, with_band
+from mbaid_ros.core.repair import Conversion, Repair, Setting, numbers, widened, wider_prior
+from mbaid_ros.core.results.estimate import with_band
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import BodyStates, MomentumKernel, force_cross, inertia_matrix, motion_cross
 from mbaid_ros.core.samples import ArrayRecord

@@ -12,8 +12,7 @@ import numpy as np
 from scipy.special import chdtri, ndtri
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.interval import PARAMETERS, UNITS
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import PARAMETERS, UNITS, Estimate
 from mbaid_ros.replay.json_output import plain, shaped, shaped_std
 
 # The result of a run: plain numbers, texts, lists and dictionaries, as JSON has them.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from mbaid_ros.calibration.result import LinkResult
 from mbaid_ros.cli import one_line
-from mbaid_ros.core.interval import PARAMETERS, UNITS
+from mbaid_ros.core.results.estimate import PARAMETERS, UNITS
 from mbaid_ros.replay.calibration_text import HEAD, JOINTS_HEAD, Calibrated, headline, joint_rows, rows, sentences
 from mbaid_ros.replay.report.markup import folded, listed, number, page, paragraph, table
 

@@ -8,9 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.interval import BAND, PARAMETERS
-from mbaid_ros.core.results.estimate import Estimate, determined
-from mbaid_ros.core.results.identifiable import LARGEST_RESIDUAL
+from mbaid_ros.core.results.estimate import BAND, PARAMETERS, Estimate, determined
+from mbaid_ros.core.results.verdict import LARGEST_RESIDUAL
 from mbaid_ros.replay.read_back import Truth
 from mbaid_ros.replay.report.markup import SERIES, TIME, Colour, curve, entitle, legend, level, new_axes, scale, svg
 from mbaid_ros.replay.report.tables import SHOWN_UNITS

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 
 from mbaid_ros.cli import one_line
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.interval import BAND, rounded
+from mbaid_ros.core.results.estimate import BAND, rounded
 
 NO_NUMBER = '\N{EN DASH}'
 PLUS_MINUS = '\N{PLUS-MINUS SIGN} 95 %'

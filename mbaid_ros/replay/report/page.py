@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
-from mbaid_ros.core.interval import PARAMETERS
-from mbaid_ros.core.results.estimate import determined
+from mbaid_ros.core.results.estimate import PARAMETERS, determined
 from mbaid_ros.parameters import values_of
 from mbaid_ros.replay import provenance
 from mbaid_ros.replay.json_output import events

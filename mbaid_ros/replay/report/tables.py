@@ -8,11 +8,9 @@ import numpy as np
 
 from mbaid_ros.core.contracts import remedy_text
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.interval import PARAMETERS, UNITS
-from mbaid_ros.core.results.budget import SENSOR_NOISE, ErrorBudget, percent, short
-from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.noise_levels import CHANNELS, NoiseLevels
-from mbaid_ros.core.results.noise_levels import UNITS as CHANNEL_UNITS
+from mbaid_ros.core.noise import CHANNELS, NoiseLevels
+from mbaid_ros.core.noise import UNITS as CHANNEL_UNITS
+from mbaid_ros.core.results.estimate import PARAMETERS, SENSOR_NOISE, UNITS, ErrorBudget, Estimate, percent, short
 from mbaid_ros.errors import listing
 from mbaid_ros.replay.report.markup import PLUS_MINUS, estimates, folded, listed, number, paragraph, table, text
 from mbaid_ros.replay.whole_run import Run

@@ -17,7 +17,7 @@ from mbaid_ros.core.filter.posterior import PriorComparison
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joints.faults import joint_noise_factor
 from mbaid_ros.core.odometry.faults import vibration_frequencies
-from mbaid_ros.core.passive.model import swinging_text
+from mbaid_ros.core.passive import swinging_text
 from mbaid_ros.core.pipeline import Synchroniser
 from mbaid_ros.core.results.innovations import BASE_SENSORS, Innovations
 from mbaid_ros.core.samples import Samples

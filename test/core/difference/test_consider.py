@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from checked import generic
-from mbaid_ros.core.difference.weighted import ConsiderParameters, _thinned, concatenated, mean_of_each
+from mbaid_ros.core.difference import ConsiderParameters, _thinned, concatenated, mean_of_each
 from mbaid_ros.core.forces import DisturbanceModel, disturbances
 from mbaid_ros.core.geometry import Array, rotate
 from mbaid_ros.core.robot.model import express

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from checked import assert_derivative, generic
-from mbaid_ros.core.difference.weighted import _derivatives, window_rows
+from mbaid_ros.core.difference import _derivatives, window_rows
 from mbaid_ros.core.geometry import Array, exp, rotate
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import Samples, SensorNoise

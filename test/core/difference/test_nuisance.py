@@ -9,8 +9,8 @@ import pytest
 
 from mbaid_ros.core.clocks import time_offset
 from mbaid_ros.core.contracts import NominalModel, Unknown
-from mbaid_ros.core.difference.likelihood import Blocks
-from mbaid_ros.core.difference.weighted import ConsiderParameters, window_rows
+from mbaid_ros.core.difference import ConsiderParameters, window_rows
+from mbaid_ros.core.difference_solver import Blocks
 from mbaid_ros.core.geometry import Array, cross, exp
 from mbaid_ros.core.joints.model import joint_placements
 from mbaid_ros.core.links import known_bodies

@@ -11,8 +11,8 @@ from benchmarks.accuracy import estimates
 from benchmarks.data import Case, momentum_of, motion, observed
 from checked import central_difference
 from linear_problems import EQUATIONS, TRUE, UNKNOWNS, exact_blocks, noise_information, noisy_blocks, with_errors
-from mbaid_ros.core.difference.likelihood import NormalSums, bias_compensated, maximum_likelihood, whitened
-from mbaid_ros.core.difference.weighted import window_rows
+from mbaid_ros.core.difference import window_rows
+from mbaid_ros.core.difference_solver import NormalSums, bias_compensated, maximum_likelihood, whitened
 from mbaid_ros.core.geometry import Array, exp, skew
 from mbaid_ros.core.samples import Samples, SensorNoise, with_rates
 from mbaid_ros.simulation.simulation import Truth, total_momentum

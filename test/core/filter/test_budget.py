@@ -13,8 +13,7 @@ from mbaid_ros.config.simulator_parameters import SimulatorConfig
 from mbaid_ros.core.filter.gaussian import BiasSeparatedRoot, SquareRootInformation
 from mbaid_ros.core.filter.posterior import MeanAndCovariance, error_budget
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.results.budget import SENSOR_NOISE
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import SENSOR_NOISE, Estimate
 from mbaid_ros.core.robot.body import physical, physical_jacobian
 from mbaid_ros.core.robot.model import PlaneDetector, load_model
 from mbaid_ros.core.robot.momentum import MomentumKernel

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mbaid_ros.core.clocks import StampPattern
 from mbaid_ros.core.geometry import Array, Flags
 from mbaid_ros.core.joints.faults import loose_joint_text, stopped_readings, swinging
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import Stamps
 from mbaid_ros.core.state import Layout
-from mbaid_ros.core.streams import StampPattern
 from mbaid_ros.core.windows import AFTER, BEFORE, Window
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, observe

@@ -10,10 +10,10 @@ import pytest
 
 from mbaid_ros.core.filter.linearise import predict
 from mbaid_ros.core.geometry import Array, exp
-from mbaid_ros.core.passive.swing import spring_constants
 from mbaid_ros.core.robot.model import load_model, parse
 from mbaid_ros.core.robot.momentum import MomentumKernel, Springs
 from mbaid_ros.core.state import BODY, LINEAR, Layout, Point
+from mbaid_ros.core.swing import spring_constants
 from mbaid_ros.core.windows import Midpoints, Swing
 from mbaid_ros.simulation import environment as simulated
 from mbaid_ros.simulation.dynamics import Dynamics, State

@@ -17,10 +17,8 @@ from documents import ROOT
 from made_runs import budget, estimate, planar, run
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.geometry import Array, Flags, unvec
-from mbaid_ros.core.interval import PARAMETERS, rounded
-from mbaid_ros.core.results.budget import SENSOR_NOISE, DeferredBudget, ErrorBudget
-from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.results.identifiable import Nonlinearity
+from mbaid_ros.core.results.estimate import PARAMETERS, SENSOR_NOISE, DeferredBudget, ErrorBudget, Estimate, rounded
+from mbaid_ros.core.results.verdict import Nonlinearity
 from mbaid_ros.core.robot.body import inertia_ratios, physical, physical_jacobian, physical_shift
 from mbaid_ros.core.robot.body import standard as standard_of
 from mbaid_ros.parameters import build

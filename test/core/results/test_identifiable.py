@@ -12,8 +12,15 @@ from made_runs import BODY as MADE_BODY
 from made_runs import estimate, planar
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Status, is_complete, is_usable
-from mbaid_ros.core.results.identifiable import Nonlinearity, Reporting, Solution
-from mbaid_ros.core.results.verdict import IntervalConsistency, Reason, Severity, with_reasons
+from mbaid_ros.core.results.verdict import (
+    IntervalConsistency,
+    Nonlinearity,
+    Reason,
+    Reporting,
+    Severity,
+    Solution,
+    with_reasons,
+)
 from mbaid_ros.core.robot.body import is_physical, physical_jacobian, standard
 from mbaid_ros.core.robot.model import Plane
 from mbaid_ros.estimate_messages import InertiaPublication

@@ -9,11 +9,11 @@ import pytest
 
 from checked import assert_derivative, generic
 from mbaid_ros.core.geometry import Array, exp
-from mbaid_ros.core.passive.swing import passive_momenta
 from mbaid_ros.core.robot.body import physical, physical_jacobian, physical_shift, standard
 from mbaid_ros.core.robot.model import PlaneDetector, express
 from mbaid_ros.core.robot.momentum import MomentumKernel, Springs, sensitivity_to_joints, unknown_scale
 from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.swing import passive_momenta
 from mbaid_ros.simulation.true_robot import ModelErrors
 from observed import kernel
 from random_robots import random_storage, spatial

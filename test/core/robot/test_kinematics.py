@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from checked import some
-from mbaid_ros.core.difference.weighted import subspace, window_rows
+from mbaid_ros.core.difference import subspace, window_rows
 from mbaid_ros.core.geometry import Array, exp, rotate, unvec
 from mbaid_ros.core.robot.model import Kinematics, PlaneDetector, RobotModel, express, load_model
 from mbaid_ros.core.robot.momentum import MomentumKernel, inertia_matrix, inverse_inertia_and_momentum, momentum

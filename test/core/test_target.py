@@ -14,7 +14,7 @@ from checked import some
 from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.core.geometry import quaternion_from_rotation, rotate, rotation_from_quaternion
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.tracked_target import NOT_A_POSE, TargetTrack, TrackedTargetConfig
+from mbaid_ros.core.target import NOT_A_POSE, TargetTrack, TrackedTargetConfig
 from mbaid_ros.replay.json_output import _capture as capture_as_json
 from mbaid_ros.sensor_messages import TargetPoses
 from servicers import chaser

@@ -10,11 +10,10 @@ import numpy.typing as npt
 from scipy.linalg import block_diag
 
 from mbaid_ros.core.contracts import NominalModel, Unknown
-from mbaid_ros.core.difference.likelihood import Blocks, SlidingWindow
+from mbaid_ros.core.difference_solver import Blocks, SlidingWindow
 from mbaid_ros.core.geometry import Array, chi_square_limit, cross, inverse, inverse_root, skew, square_root
 from mbaid_ros.core.results.estimate import Estimate, Event
-from mbaid_ros.core.results.identifiable import Reporting, Solution
-from mbaid_ros.core.results.verdict import Reason
+from mbaid_ros.core.results.verdict import Reason, Reporting, Solution
 from mbaid_ros.core.robot.model import Plane, PlaneDetector, express
 from mbaid_ros.core.robot.momentum import (
     MomentumKernel,

@@ -14,7 +14,7 @@ from scipy.linalg import expm
 from mbaid_ros.core.contracts import Stack
 from mbaid_ros.core.geometry import Array, composed
 from mbaid_ros.core.links import KnownBodies
-from mbaid_ros.core.passive.model import SpringErrors, StartingSwing, SwingNoise
+from mbaid_ros.core.passive import SpringErrors, StartingSwing, SwingNoise
 from mbaid_ros.core.robot.model import Configuration, Kinematics, express
 from mbaid_ros.core.robot.momentum import (
     BodyStates,

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from linear_problems import EQUATIONS, TRUE, UNKNOWNS, linear_blocks, noisy_blocks
-from mbaid_ros.core.difference.likelihood import (
+from mbaid_ros.core.difference import Conservation, momentum_jumps, noise_covariance
+from mbaid_ros.core.difference_solver import (
     Blocks,
     Linearisation,
     MarginalisedPrior,
@@ -14,7 +15,6 @@ from mbaid_ros.core.difference.likelihood import (
     SlidingWindow,
     maximum_likelihood,
 )
-from mbaid_ros.core.difference.weighted import Conservation, momentum_jumps, noise_covariance
 from mbaid_ros.core.geometry import Array
 
 PRIOR = 1e-6 * np.eye(UNKNOWNS)

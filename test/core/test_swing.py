@@ -7,16 +7,16 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from benchmarks.appendages import PANELS, SLOSH, with_fuel, with_panel_on_the_target, with_panels
+from mbaid_ros.core import swing
 from mbaid_ros.core.contracts import in_stacks, stacked
 from mbaid_ros.core.filter.linearise import predict
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.links import known_bodies
-from mbaid_ros.core.passive import swing
-from mbaid_ros.core.passive.model import soft_grasp_warnings, spring_errors, starting_swing, swing_noise
-from mbaid_ros.core.passive.swing import BESIDE, SwingTrajectory, transition_steps
+from mbaid_ros.core.passive import soft_grasp_warnings, spring_errors, starting_swing, swing_noise
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import KnownErrors, MomentumKernel, Springs
 from mbaid_ros.core.state import BODY, LINEAR, Layout, Point
+from mbaid_ros.core.swing import BESIDE, SwingTrajectory, transition_steps
 from mbaid_ros.core.windows import KnotAveraging
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.environment import Environment

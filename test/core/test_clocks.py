@@ -13,10 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from checked import some
+from mbaid_ros.core.clocks import BAD_NANOSEC, STRAY_STAMP, ZERO_STAMP, Gate, Reorder
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joints.stream import NO_PARTNER, OFTEN, PARTNER_GAP, REDUNDANT, JointMerge, Joints
 from mbaid_ros.core.samples import NO_STAMP, JointStream, Samples, polynomial_fit, stamp_of, with_rates
-from mbaid_ros.core.streams import BAD_NANOSEC, STRAY_STAMP, ZERO_STAMP, Gate, Reorder
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, configured_motion, observe, windows
 

@@ -7,7 +7,8 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from mbaid_ros.core.difference.paper import (
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.paper import (
     PaperEstimator,
     PaperSettings,
     RecursiveLeastSquares,
@@ -16,7 +17,6 @@ from mbaid_ros.core.difference.paper import (
     linear_rows,
     main_form,
 )
-from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.body import physical
 from mbaid_ros.errors import ParameterError

@@ -1,1 +1,0 @@
-"""Method `difference`: the weighted difference form by errors-in-variables maximum likelihood."""

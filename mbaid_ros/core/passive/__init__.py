@@ -1,1 +1,0 @@
-"""Passive joints, which springs hold and no encoder reads."""
