@@ -349,22 +349,24 @@ class Identifier:
         return self._dropped + self.synchroniser.dropped
 
     def push(
-        self, joints: JointStream | None, base: BaseStream | None, named: Mapping[str, Any] = NOTHING
+        self,
+        joints: JointStream | None,
+        base: BaseStream | None,
+        named: Mapping[str, Any] = NOTHING,
+        *,
+        last: bool = False,
     ) -> list[Estimate]:
-        """Take measurements, of further sensors by name, and return the estimates of the windows they close."""
+        """Take measurements, of further sensors by name, and return the estimates of the windows they close.
+
+        After the `last` ones windows do not wait for the noise of more.
+        """
         samples = self.synchroniser.push(joints, base, named)
-        if samples is None:
-            return []
-        self.used += len(samples)
-        number = np.floor((samples.time[-1] + 1e-9) / self._window) + 1.0
-        self.end_of_window = self.synchroniser.origin + round(number * self._window * 1e9)
-        return self._estimates(self._windows.push(samples))
-
-    def finish(self) -> list[Estimate]:
-        """Return the estimates of windows that wait for the noise of more, where no more come."""
-        return self._estimates([], last=True)
-
-    def _estimates(self, windows: list[Samples], *, last: bool = False) -> list[Estimate]:
+        windows: list[Samples] = []
+        if samples is not None:
+            self.used += len(samples)
+            number = np.floor((samples.time[-1] + 1e-9) / self._window) + 1.0
+            self.end_of_window = self.synchroniser.origin + round(number * self._window * 1e9)
+            windows = self._windows.push(samples)
         closed = self._prepared(windows, last=last)
         if not closed:
             return []

@@ -11,6 +11,7 @@ from mbaid_ros.core.clocks import BAD_NANOSEC, LATE, OTHER_CLOCK, ZERO_STAMP
 from mbaid_ros.core.forces import FAR_THRUST, UNKNOWN_FRAME
 from mbaid_ros.core.gyro import IMU, IMU_FRAME
 from mbaid_ros.core.joints.stream import PARTNER_GAP
+from mbaid_ros.core.odometry.stream import OTHER_SOURCE
 from mbaid_ros.core.outliers import FLIPPED, JOINT_OUTLIER, JOINTS_HELD, OUTLIER, REPEATED_POSE
 from mbaid_ros.core.pipeline import NO_ODOMETRY, ODOMETRY_GAP, RATE_MISSING
 from mbaid_ros.core.results.estimate import Estimate, SensorFit
@@ -26,7 +27,7 @@ from mbaid_ros.core.samples import (
 from mbaid_ros.core.wheels import OTHER_MOMENTUM_FRAME
 from mbaid_ros.errors import listing
 from mbaid_ros.parameters import topic_of
-from mbaid_ros.session.session import JOINTS, ODOMETRY, OTHER_SOURCE, REORDER_TIME, SPOKEN, Session
+from mbaid_ros.session.session import JOINTS, ODOMETRY, REORDER_TIME, SPOKEN, Session
 
 
 def complaints(session: Session, *, stuck: bool = True) -> list[str]:

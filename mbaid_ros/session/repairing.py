@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.repair import Conversion, Repair, leading_repair
@@ -21,8 +19,6 @@ _STRONG = 100.0  # log-likelihood of a cause, from which a run without a solutio
 MOST = 3  # repairs of a run, one after the other
 LONGEST = 300.0  # s of a run, whose messages are kept so that it can be started again
 _CALIBRATED = ('known_links.', 'known_joints.', 'odometry_mount.')  # which a calibration file replaces
-# Something that a run was given: a function of the session's segment.
-Given = Callable[[Any], list[Estimate]]
 
 
 def refuse_repair(config: EstimatorConfig) -> None:
@@ -95,34 +91,3 @@ def _is_contradicted(estimate: Estimate) -> bool:
     if estimate.contradicted:
         return True
     return estimate.status == 'not_identifiable' and bool(estimate.causes) and estimate.causes[0][1] > _STRONG
-
-
-class Recording:
-    """What a run was given since it began, in order; what of it the segment still has to take is the backlog."""
-
-    def __init__(self, *, kept: bool) -> None:
-        self._kept: list[Given] | None = [] if kept else None
-        self._backlog: deque[Given] = deque()
-
-    @property
-    def pending(self) -> bool:
-        """Whether there is a backlog."""
-        return bool(self._backlog)
-
-    def add(self, given: Given) -> None:
-        """Add what comes next."""
-        self._backlog.append(given)
-        if self._kept is not None:
-            self._kept.append(given)
-
-    def next(self) -> Given:
-        """Return what the segment takes next."""
-        return self._backlog.popleft()
-
-    def begin_again(self) -> None:
-        """Let the segment take everything again."""
-        self._backlog = deque(self._kept or ())
-
-    def forget(self, *, kept: bool) -> None:
-        """Forget what the segment has taken; keep what comes, or nothing any more."""
-        self._kept = list(self._backlog) if kept else None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -21,15 +21,14 @@ from mbaid_ros.core.joints.faults import JointRates
 from mbaid_ros.core.joints.stream import JointMerge, JointReader
 from mbaid_ros.core.noise import NoiseEstimator
 from mbaid_ros.core.odometry.faults import HeldBase, twist_check
-from mbaid_ros.core.odometry.model import PoseConfig
-from mbaid_ros.core.odometry.stream import PoseReader, measured_orientation, odometry_reader, source_of
+from mbaid_ros.core.odometry.stream import BaseSource, measured_orientation, odometry_reader
 from mbaid_ros.core.orbit import falling_frame
 from mbaid_ros.core.outliers import Copies
 from mbaid_ros.core.pipeline import Estimator, Identifier, PlainFaults, Synchroniser, WindowChecks
 from mbaid_ros.core.poses import REFERENCE_GAP, reference
 from mbaid_ros.core.repair import Conversion, Repair
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.samples import BaseStream, Input, JointStream, Packets, Source, number_of, stamp_of, stamps_of
+from mbaid_ros.core.samples import BaseStream, Input, JointStream, Packets, number_of, stamp_of, stamps_of
 from mbaid_ros.core.target import TargetTrack
 from mbaid_ros.core.wheels import StoredMomentum, vector_of
 from mbaid_ros.errors import DataError, ParameterError, listing
@@ -39,7 +38,7 @@ from mbaid_ros.session.catalogue import inputs, instruments
 from mbaid_ros.session.continuation import read_continuation
 from mbaid_ros.session.methods import make_capture, make_estimator
 from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
-from mbaid_ros.session.repairing import Given, Recording, RepairPolicy, conversions, described, refuse_repair, repaired
+from mbaid_ros.session.repairing import RepairPolicy, conversions, described, refuse_repair, repaired
 from mbaid_ros.session.robot import EXACT_ROBOT, Robot
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
@@ -47,11 +46,11 @@ SPOKEN = {JOINTS: 'the joint states', ODOMETRY: 'the poses of the base', IMU: 't
 _SLOW = 5_000_000_000  # ns, the same of named poses, which may come every two seconds
 TIME_JUMP = 1.0  # s between consecutive stamps of a topic: no sensor pauses and resumes in its own past
 REORDER_TIME = 0.05  # s, that messages wait for late ones at most: longer waits would delay every estimate
-OTHER_SOURCE = 'the pose of the base comes from another source'
 PART = 300  # messages processed at once while a window is open: each time costs as much as reading a hundred
 _LEFT = (0.75, 0.5, 0.3, 0.05)  # parts of a window before its end, at which the waiting messages are processed
 _CLOSING = 0.1  # of a window, before its end
 MakeEstimator = Callable[..., Estimator]
+Given = Callable[['Segment'], list[Estimate]]  # something that a run was given
 IMU_NOT_ASKED_FOR = 'an IMU is published but not used: set imu.noise_density'
 # No known data lead to these. A node in a robot's graph has to report them and go on all the same.
 UNSOLVABLE = (np.linalg.LinAlgError, FloatingPointError)
@@ -155,56 +154,6 @@ class MessageQueue:
         return f'{back} (a bag or simulation started again, a clock set)'
 
 
-class BaseSource:
-    """The messages that locate the base: of the source that comes first, or of the one that the parameters name.
-
-    Attributes
-    ----------
-    kind, dropped : of the source, None before the first message; number of messages of other sources
-
-    Parameters
-    ----------
-    frame : of poses without a name; empty for one that is no link's
-    needed : whether any source is used
-    """
-
-    def __init__(self, config: PoseConfig, frame: str, *, needed: bool) -> None:
-        self._poses = PoseReader(frame, config.tf_child_frame)
-        self._needed = needed
-        self.kind: Source | None = 'tf' if config.tf_child_frame else None
-        self.dropped: Counter[str] = Counter()
-
-    def poses(self, messages: Sequence[Any]) -> Sequence[Any]:
-        """Return the messages of any source as Odometry or as poses."""
-        if isinstance(messages, Packets):
-            return messages
-        each = ([message] if source_of(message) == 'odom' else self._poses.read(message) for message in messages)
-        return [pose for poses in each for pose in poses]
-
-    def accepts(self, messages: Sequence[Any]) -> bool:
-        """Return whether messages are all of the source that is used."""
-        return all(self._is_used(kind) for kind in _kinds(messages))
-
-    def accepted(self, messages: Sequence[Any]) -> Sequence[Any]:
-        """Return the messages of the used source as Odometry or as poses; the others are counted as dropped."""
-        for kind in _kinds(messages):
-            if self.kind is None and kind != 'tf':
-                self.kind = kind
-        if isinstance(messages, Packets):
-            used: Sequence[Any] = messages if self._is_used('odom') else []
-        else:
-            used = [message for message in messages if self._is_used(source_of(message))]
-        self.dropped[OTHER_SOURCE] += len(messages) - len(used)
-        return self.poses(used)
-
-    def _is_used(self, kind: Source) -> bool:
-        return self._needed and (kind == self.kind or (self.kind is None and kind != 'tf'))
-
-
-def _kinds(messages: Sequence[Any]) -> set[Source]:
-    return {'odom'} if isinstance(messages, Packets) else {source_of(message) for message in messages}
-
-
 class Intake:
     """The readers of a run's messages, and the measurements that wait until their order is sure.
 
@@ -236,6 +185,7 @@ class Intake:
         prefix, declared = config.frame_prefix, config.noise.declared
         self.odometry_reader = odometry_reader(robot.model, prefix, robot.marker, config.twist_frame, declared)
         self.stored_momentum = StoredMomentum(robot.model, config.wheels.momentum_frame)
+        self._has_stored_momentum = bool(config.wheels.momentum_frame)
         self.alone = config.imu.alone
         self._reference = reference(config.poses, robot.model, prefix)
         self.base_topic = IMU if self.alone else ODOMETRY if self._reference is None else self._reference.name
@@ -303,7 +253,7 @@ class Intake:
             self.orientation_measured |= located is not None
         else:
             located = self._reckoning.push(found[IMU])
-        stored = self.stored_momentum.stream()
+        stored = self.stored_momentum.stream() if self._has_stored_momentum else None
         if stored is not None:
             every = range(len(self._robot.readings))
             joints[tuple(every[-stored.position.shape[1] :])] = stored
@@ -433,8 +383,8 @@ class Segment:
             self.intake.faults.name('nanosec', 0, _NANOSEC.format(listing(unstamped)))
         streams = self.intake.streams(messages)
         self.thrust.odometry_frame = self.track.odometry_frame = self.intake.odometry_reader.frame
-        found = self.identifier.push(*streams)
-        estimates = map(self.intake.faults.applied, [*found, *(self.identifier.finish() if last else ())])
+        found = self.identifier.push(*streams, last=last)
+        estimates = map(self.intake.faults.applied, found)
         return [self._with_doubts(each) if each.contradicted else each for each in estimates]
 
     def _with_doubts(self, estimate: Estimate) -> Estimate:
@@ -493,6 +443,37 @@ class Segment:
         return f'captured {time:.3f} s after the first sample, not {before:.3f} s: the estimate since then is dropped'
 
 
+class Recording:
+    """What a run was given since it began, in order; what of it the segment still has to take is the backlog."""
+
+    def __init__(self, *, kept: bool) -> None:
+        self._kept: list[Given] | None = [] if kept else None
+        self._backlog: deque[Given] = deque()
+
+    @property
+    def pending(self) -> bool:
+        """Whether there is a backlog."""
+        return bool(self._backlog)
+
+    def add(self, given: Given) -> None:
+        """Add what comes next."""
+        self._backlog.append(given)
+        if self._kept is not None:
+            self._kept.append(given)
+
+    def next(self) -> Given:
+        """Return what the segment takes next."""
+        return self._backlog.popleft()
+
+    def begin_again(self) -> None:
+        """Let the segment take everything again."""
+        self._backlog = deque(self._kept or ())
+
+    def forget(self, *, kept: bool) -> None:
+        """Forget what the segment has taken; keep what comes, or nothing any more."""
+        self._kept = list(self._backlog) if kept else None
+
+
 class Session:
     """Everything between the first message and the last estimate.
 
@@ -542,7 +523,7 @@ class Session:
         robot = self.robot
         # Of poses without a name: that of the marker, a frame that is no link's.
         frame = '' if robot.marker is not None else self.config.frame_prefix + robot.model.base_link
-        self.base_source = BaseSource(self.config.pose, frame, needed=self.config.by_odometry)
+        self.base_source = BaseSource(frame, self.config.pose.tf_child_frame, needed=self.config.by_odometry)
         self.restarts: list[str] = []
         self.restarted = 0
         self._earlier: Counter[str] = Counter()  # dropped in earlier segments
@@ -609,8 +590,7 @@ class Session:
         newest = self.queue.latest
         if self._recording.pending or self.thrust.affects_samples(frame, stamp, wrench, newest):
             # Earlier messages are processed without it, however the calls are spread.
-            found = self._process(at_once=False)
-            self._ready = self._ready + found
+            self._ready = self.process(at_once=False)
         self._give(partial(_add_thrust, frame=frame, stamp=stamp, wrench=wrench, newest=newest))
 
     def add_stored_momentum(self, message: Any) -> None:
@@ -621,19 +601,26 @@ class Session:
         """Add a PoseStamped, PoseWithCovarianceStamped or Odometry of a frame on the target before its capture."""
         self._give(partial(_add_target_pose, message=message))
 
-    def process(self, *, at_once: bool = True) -> list[Estimate]:
+    def process(self, *, at_once: bool = True, last: bool = False) -> list[Estimate]:
         """Process the added messages and return the new estimates; how calls are spread makes no difference to them.
 
         Where a repair starts the run again, all its estimates come again. If not `at_once`, `run_slice` makes them, and
-        only those of new windows are returned.
+        only those of new windows are returned. After the `last` messages windows do not wait for later ones.
         """
-        found = self._process(at_once=at_once, new_only=not at_once)
-        estimates, self._ready = self._ready + found, []
-        return estimates
+        goes_on = at_once or not self._recording.pending
+        self._record(last=last)
+        estimates: list[Estimate] = []
+        while goes_on and self._recording.pending:
+            repairs = self.repairs
+            found = self._take_next(new_only=not at_once)
+            estimates = estimates + found if self.repairs == repairs else []  # those of a run that was given up go
+            goes_on = at_once
+        ready, self._ready = self._ready, []
+        return ready + estimates
 
     def finish(self) -> list[Estimate]:
         """Return the estimates of windows that wait for later ones, after the last `process` of a recording."""
-        return self._process(last=True)
+        return self.process(last=True)
 
     def run_slice(self) -> bool:
         """Run a slice of the background work; return whether some is left before the next window.
@@ -657,8 +644,7 @@ class Session:
 
         Raises DataError: The run did not begin before a capture, has had it, or has no samples yet.
         """
-        found = self._process()
-        self._ready = self._ready + found
+        self._ready = self.process()
         return self._segment.captured(self.queue.latest)
 
     # State
@@ -729,8 +715,7 @@ class Session:
         if jumped is None:
             return self._segment.is_due(name, stamp, self.queue)
         if jumped:
-            found = self._process(last=True)
-            self._ready = self._ready + found
+            self._ready = self.process(last=True)
             self._start_again(jumped)
         self.queue.confirm_jump(name, message)
         return True
@@ -746,21 +731,13 @@ class Session:
         self._latest = -1
         self._begin()
 
-    def _process(self, *, last: bool = False, at_once: bool = True, new_only: bool = False) -> list[Estimate]:
+    def _record(self, *, last: bool) -> None:
+        """Take the messages from the queue; the segment comes to them after what it was given before."""
         messages = self.queue.take_all()
         self.received.update({name: number_of(each) for name, each in messages.items()})
-        behind = self._recording.pending
         wrong = self.queue.dropped_by(BAD_NANOSEC).items()
         unstamped = [SPOKEN.get(name, name) for name, count in wrong if count]
         self._recording.add(partial(Segment.process, messages=messages, last=last, unstamped=unstamped))
-        if not at_once:
-            return [] if behind else self._take_next(new_only=new_only)
-        estimates: list[Estimate] = []
-        while self._recording.pending:
-            repairs = self.repairs
-            found = self._take_next()
-            estimates = estimates + found if self.repairs == repairs else []  # those of a run that was given up go
-        return estimates
 
     def _give(self, given: Given) -> None:
         """Let the segment take something after everything that it was given before."""

@@ -16,6 +16,7 @@ from tf2_msgs.msg import TFMessage
 
 from mbaid_ros.bags import BAG_TYPES, BagWriter
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.odometry.stream import OTHER_SOURCE
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import WRONG_CHILD_FRAME
 from mbaid_ros.errors import DataError
@@ -24,7 +25,7 @@ from mbaid_ros.parameters import build
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.one_bag import replay_bag
 from mbaid_ros.session.explanation import explain, intake_warnings
-from mbaid_ros.session.session import OTHER_SOURCE, Session
+from mbaid_ros.session.session import Session
 from streams import run, urdf
 
 SECONDS = 2.1

@@ -108,41 +108,52 @@ def update_bank(
         groups.setdefault(key, []).append(place)
     after = list(bank)
     for places in groups.values():
-        updated = _updated([bank[place] for place in places], window, white, variables)
+        group = [bank[place] for place in places]
+        before = at_window_start(group[0].gaussian, window, white, variables)
+        found = update_together(before, [each.gaussian for each in group], white)
+        jumped = _with_jumps(group, found, before, window, white, variables)
         steps: dict[int, SquareRootInformation] = {}  # to the next knot, by the root that hypotheses share by now
-        for place, each in zip(places, updated, strict=True):
-            root = id(each.gaussian.conditional)
+        for place, each, usual in zip(places, group, found, strict=True):
+            updated = jumped[each] if each in jumped else each.updated(before, usual)
+            root = id(updated.gaussian.conditional)
             if advancing and root not in steps:
-                steps[root] = advance(each.gaussian, white, variables, each.hypothesis)
-            after[place] = each.advanced(steps[root], white) if advancing else each
+                steps[root] = advance(updated.gaussian, white, variables, updated.hypothesis)
+            after[place] = updated.advanced(steps[root], white) if advancing else updated
     return tuple(after)
 
 
-def _updated(
-    group: Sequence[HypothesisFilter], window: Window, white: WhitenedWindow, variables: Variables
-) -> list[HypothesisFilter]:
-    """Return hypotheses that share a root, updated by a window; those under which the momentum jumps share another."""
-    before = at_window_start(group[0].gaussian, window, white, variables)
-    usual = dict(zip(group, update_together(before, [each.gaussian for each in group], white), strict=True))
+def _with_jumps(
+    group: Sequence[HypothesisFilter],
+    found: Sequence[SquareRootInformation],
+    before: SquareRootInformation,
+    window: Window,
+    white: WhitenedWindow,
+    variables: Variables,
+) -> dict[HypothesisFilter, HypothesisFilter]:
+    """Return those of a group under which the momentum jumps in a window, as updated by it; they share a root.
+
+    `found` is the group as updated without jumps, from the root of `before`.
+    """
     limit = chi_square_limit(_FALSE_ALARM, len(white.value))
-    unlikely = [
-        each for each, found in usual.items() if found.last_nis > limit and found.measured > found.last_measured
-    ]
-    jumping = [each for each in unlikely if each.jump_length != each.longest_jump]
+    jumping = {
+        each: usual
+        for each, usual in zip(group, found, strict=True)
+        if usual.last_nis > limit and usual.measured > usual.last_measured and each.jump_length != each.longest_jump
+    }
     if not jumping:
-        return [each.updated(before, found) for each, found in usual.items()]
+        return {}
     loose = momentum_inflation(before, white, variables, _JUMP * variables.typical_momentum)
     jumped = dict(zip(jumping, update_together(loose, [each.gaussian for each in jumping], white), strict=True))
     broken = [each for each in jumping if jumped[each].last_nis > limit]
     if broken:  # more than a jump of the momentum: of the pose error, too
         reset = pose_reset(loose, variables)
         jumped |= zip(broken, update_together(reset, [each.gaussian for each in broken], white), strict=True)
-    return [
-        each.jumped_in(window, before, replace(jumped[each], log_likelihood=rare_event_likelihood(found)), variables)
-        if each in jumped
-        else each.updated(before, found)
-        for each, found in usual.items()
-    ]
+    return {
+        each: each.jumped_in(
+            window, before, replace(jumped[each], log_likelihood=rare_event_likelihood(usual)), variables
+        )
+        for each, usual in jumping.items()
+    }
 
 
 def rare_event_likelihood(after: SquareRootInformation) -> float:

@@ -71,6 +71,7 @@ QUATERNION_TOLERANCE = 0.1  # of the length of a quaternion from 1: rounding is 
 _REMEMBERED = 5  # frames
 _FIELDS = {'position of the base': slice(0, 3), 'orientation of the base': slice(3, 7)}  # columns of an Odometry
 _Columns = tuple[Stamps, Array, Array, Array]
+OTHER_SOURCE = 'the pose of the base comes from another source'
 
 
 def hermite(
@@ -556,3 +557,54 @@ def odometry_reader(
     attached = {prefix + link.name: AttachedFrame(link.rotation, link.position) for link in links if link.body == 0}
     names = frozenset(prefix + link.name for link in links)
     return OdometryReader(attached, marker, names, twist_frame, noise)
+
+
+class BaseSource:
+    """The messages that locate the base: of the source that comes first, or of the one that the parameters name.
+
+    Attributes
+    ----------
+    kind, dropped : of the source, None before the first message; number of messages of other sources
+
+    Parameters
+    ----------
+    frame : of poses without a name; empty for one that is no link's
+    child_frame : of transforms that are the source; empty where they are none
+    needed : whether any source is used
+    """
+
+    def __init__(self, frame: str, child_frame: str, *, needed: bool) -> None:
+        self._poses = PoseReader(frame, child_frame)
+        self._needed = needed
+        self.kind: Source | None = 'tf' if child_frame else None
+        self.dropped: Counter[str] = Counter()
+
+    def poses(self, messages: Sequence[Any]) -> Sequence[Any]:
+        """Return the messages of any source as Odometry or as poses."""
+        if isinstance(messages, Packets):
+            return messages
+        each = ([message] if source_of(message) == 'odom' else self._poses.read(message) for message in messages)
+        return [pose for poses in each for pose in poses]
+
+    def accepts(self, messages: Sequence[Any]) -> bool:
+        """Return whether messages are all of the source that is used."""
+        return all(self._is_used(kind) for kind in _kinds(messages))
+
+    def accepted(self, messages: Sequence[Any]) -> Sequence[Any]:
+        """Return the messages of the used source as Odometry or as poses; the others are counted as dropped."""
+        for kind in _kinds(messages):
+            if self.kind is None and kind != 'tf':
+                self.kind = kind
+        if isinstance(messages, Packets):
+            used: Sequence[Any] = messages if self._is_used('odom') else []
+        else:
+            used = [message for message in messages if self._is_used(source_of(message))]
+        self.dropped[OTHER_SOURCE] += len(messages) - len(used)
+        return self.poses(used)
+
+    def _is_used(self, kind: Source) -> bool:
+        return self._needed and (kind == self.kind or (self.kind is None and kind != 'tf'))
+
+
+def _kinds(messages: Sequence[Any]) -> set[Source]:
+    return {'odom'} if isinstance(messages, Packets) else {source_of(message) for message in messages}
