@@ -15,6 +15,7 @@ from mbaid_ros.simulation.sensors import BaseReadings, ImuReadings, JointReading
 SENSOR_TYPES = {
     'joint_states': 'sensor_msgs/msg/JointState',
     'odom': 'nav_msgs/msg/Odometry',
+    'pose': 'geometry_msgs/msg/PoseStamped',
     'imu': 'sensor_msgs/msg/Imu',
     'thrust': 'geometry_msgs/msg/WrenchStamped',
     'stored_momentum': 'geometry_msgs/msg/Vector3Stamped',
@@ -70,17 +71,24 @@ class Poses:
         """Return one of them as a nav_msgs/Odometry."""
         find, twist = types.find, self.twist[index]
         of_pose, of_twist = (each.ravel() for each in self.covariances)
-        pose = find('geometry_msgs/msg/Pose')(
-            position=vector(self.position[index], types, 'Point'),
-            orientation=vector(self.orientation[index], types, 'Quaternion'),
-        )
         motion = find('geometry_msgs/msg/Twist')(linear=vector(twist[:3], types), angular=vector(twist[3:], types))
         return find(SENSOR_TYPES['odom'])(
             header=stamped(stamp, self.odometry_frame, types),
             child_frame_id=self.frame,
-            pose=find('geometry_msgs/msg/PoseWithCovariance')(pose=pose, covariance=of_pose),
+            pose=find('geometry_msgs/msg/PoseWithCovariance')(pose=pose_of(self, types, index), covariance=of_pose),
             twist=find('geometry_msgs/msg/TwistWithCovariance')(twist=motion, covariance=of_twist),
         )
+
+
+@dataclass(frozen=True)
+class BarePoses(Poses):
+    """Poses without twist and covariance, as motion capture publishes them."""
+
+    TOPIC: ClassVar[str] = 'pose'
+
+    def message(self, types: MessageTypes, index: int, stamp: int) -> Any:
+        """Return one of them as a geometry_msgs/PoseStamped."""
+        return pose_stamped(self, types, index, stamped(stamp, self.odometry_frame, types))
 
 
 @dataclass(frozen=True)
@@ -162,11 +170,20 @@ class TargetPoses:
 
     def message(self, types: MessageTypes, index: int, stamp: int) -> Any:
         """Return one of them as a geometry_msgs/PoseStamped."""
-        pose = types.find('geometry_msgs/msg/Pose')(
-            position=vector(self.position[index], types, 'Point'),
-            orientation=vector(self.orientation[index], types, 'Quaternion'),
-        )
-        return types.find(SENSOR_TYPES['target_pose'])(header=stamped(stamp, self.frame, types), pose=pose)
+        return pose_stamped(self, types, index, stamped(stamp, self.frame, types))
+
+
+def pose_of(readings: Poses | TargetPoses, types: MessageTypes, index: int) -> Any:
+    """Return one of N poses as a geometry_msgs/Pose."""
+    return types.find('geometry_msgs/msg/Pose')(
+        position=vector(readings.position[index], types, 'Point'),
+        orientation=vector(readings.orientation[index], types, 'Quaternion'),
+    )
+
+
+def pose_stamped(readings: Poses | TargetPoses, types: MessageTypes, index: int, header: Any) -> Any:
+    """Return one of N poses as a geometry_msgs/PoseStamped."""
+    return types.find('geometry_msgs/msg/PoseStamped')(header=header, pose=pose_of(readings, types, index))
 
 
 Readings = Joints | Poses | Imu | Thrust | StoredMomentum | TargetPoses
@@ -195,11 +212,12 @@ def joints_of(readings: JointReadings, names: Sequence[str]) -> Joints:
     return Joints(tuple(names), readings.time, readings.position, readings.velocity, readings.effort)
 
 
-def poses_of(readings: BaseReadings, base_link: str, odometry_frame: str = 'odom') -> Poses:
-    """Return the readings of the base."""
+def poses_of(readings: BaseReadings, base_link: str, odometry_frame: str = 'odom', *, pose_only: bool = False) -> Poses:
+    """Return the readings of the base, as Odometry or as PoseStamped."""
+    kind = BarePoses if pose_only else Poses
     twist = np.concatenate((readings.linear_velocity, readings.angular_velocity), axis=1)
     covariances = readings.pose_covariance, readings.twist_covariance
-    return Poses(readings.time, readings.position, readings.orientation, twist, base_link, odometry_frame, covariances)
+    return kind(readings.time, readings.position, readings.orientation, twist, base_link, odometry_frame, covariances)
 
 
 def imu_of(readings: ImuReadings, base_link: str) -> Imu:

@@ -114,6 +114,8 @@ class SimulatedRun:
     def topics(self) -> dict[str, str]:
         """The topics of its messages, with their types."""
         wanted = {
+            'odom': not self.config.pose_only,
+            'pose': self.config.pose_only,
             'imu': self.config.imu.rate > 0.0,
             'thrust': self.pulse is not None and self.config.thrust.publish,
             'target_pose': self._camera is not None,
@@ -171,7 +173,8 @@ class SimulatedRun:
         if self.wheels is not None and 'stored_momentum' in self.topics:
             stored = self.wheels.momentum(joints.wheel_speed)
             parts.append(StoredMomentum(joints.time, stored, self.model.base_link))
-        parts += [poses_of(base, self.model.base_link, self.config.odom_frame), self._reported(joints)]
+        bare, frames = self.config.pose_only, (self.model.base_link, self.config.odom_frame)
+        parts += [poses_of(base, *frames, pose_only=bare), self._reported(joints)]
         parts += [] if imu is None else [imu_of(imu, self.model.base_link)]
         if self._camera is not None:
             delay = self.config.target_pose.delay

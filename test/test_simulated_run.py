@@ -64,6 +64,17 @@ def test_a_message_says_what_the_state_is() -> None:
     assert len(joints.velocity) == len(joints.effort) == 6
 
 
+def test_motion_capture_publishes_poses_alone() -> None:
+    values: dict[str, Any] = {'noise': {'base_position': 1e-3}, 'joint_rate': 50.0, 'odometry_rate': 120.0, 'seed': 3}
+    bare, whole = run(pose_only=True, **values), run(**values)
+    assert (bare.topics['pose'], 'odom' in bare.topics) == ('geometry_msgs/msg/PoseStamped', False)
+    poses = [timed.message for timed in bare.read(0.5) if timed.topic == 'pose']
+    full = [timed.message for timed in whole.read(0.5) if timed.topic == 'odom']
+    assert len(poses) == len(full) == 61
+    for one, other in zip(poses, full, strict=True):
+        assert (one.header, one.pose) == (other.header, other.pose.pose)
+
+
 def test_one_seed_gives_one_run_to_the_last_bit_however_it_is_cut() -> None:
     values: dict[str, Any] = {'noise': {'joint_position': 1e-4, 'base_orientation': 1e-4}, 'motion': {'kind': 'random'}}
     whole = payloads(run(seed=7, **values).read(2.0))

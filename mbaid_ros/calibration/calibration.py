@@ -56,7 +56,7 @@ def calibrate(kernel: MomentumKernel, runs: Sequence[list[Samples]], settings: C
     """
     prior = make_prior(kernel, settings.priors)
     runs = [run for run in runs if run]
-    detectors, normal = _planes(kernel, runs)
+    detectors, normal = _planes(kernel, runs, max((each.tilt for each in settings.declared.unknowns), default=0.0))
     solution, motions, normals = _solution(prior, kernel, (runs, detectors), settings)
     gaussian = solution.iteration.gaussian
     widened = normals.with_scaled_prior()
@@ -112,13 +112,15 @@ def _solution(
     return solution, motions, before.conditioned(solution.iteration, motions[0].variables, detectors[0])
 
 
-def _planes(kernel: MomentumKernel, runs: Sequence[list[Samples]]) -> tuple[list[PlaneDetector], Array | None]:
+def _planes(
+    kernel: MomentumKernel, runs: Sequence[list[Samples]], tilt: float
+) -> tuple[list[PlaneDetector], Array | None]:
     """Return the plane of each motion, if all of them are planar, and its normal (3,) in the base link's frame."""
     if not runs:
         raise DataError(_NO_WINDOWS)
     detectors = []
     for run in runs:
-        detector = PlaneDetector(kernel.model)
+        detector = PlaneDetector(kernel.model, tilt)
         for window in run:
             detector.update(window)
         detectors.append(detector)

@@ -219,6 +219,8 @@ class SimulatorConfig:
     """JointState messages a second."""
     odometry_rate: float = parameter(100.0, 'Hz', minimum=0.0, maximum=1e4, exclusive_minimum=True)
     """Odometry messages a second."""
+    pose_only: bool = parameter(default=False)
+    """Publish PoseStamped on pose in place of Odometry on odom, as motion capture does."""
     seed: int = parameter(0, minimum=0)
     """The same seed gives the same sensor noise."""
     real_time_factor: float = parameter(1.0, minimum=0.0, maximum=1e3, exclusive_minimum=True)
@@ -226,7 +228,7 @@ class SimulatorConfig:
     publish_clock: bool = parameter(default=False)
     """Publish /clock and stamp with simulated time from 0, for nodes with use_sim_time."""
     wait_for_subscribers: int = parameter(0, minimum=0, maximum=1000)
-    """Subscribers of joint_states and of odom that the node waits for before it starts."""
+    """Subscribers of joint_states and of odom (or pose) that the node waits for before it starts."""
     base_link: str = parameter('')
     """Link that floats, even if the URDF attaches it to another; empty: the root, or the child of 'world'."""
     target_link: str = parameter('')

@@ -234,6 +234,11 @@ class Unknown:
         raise NotImplementedError(type(self).__name__)
 
     @property
+    def tilt(self) -> float:
+        """Standard deviation by which it turns the base's axes, as a pose has them, about each of them, rad."""
+        return 0.0
+
+    @property
     def random_walk(self) -> Array:
         """The (k, w) factor of the covariance that a second adds; no columns where it is constant."""
         return np.zeros((len(self.factor), 0))

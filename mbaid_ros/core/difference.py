@@ -538,7 +538,7 @@ class DifferenceEstimator(Method):
         self._settings = settings
         self._reporting = reporting
         self._considered = ConsiderParameters(self._kernel, unknowns, prior)
-        self._plane = PlaneDetector(kernel.model)
+        self._plane = PlaneDetector(kernel.model, max((each.tilt for each in unknowns), default=0.0))
         self._run: DifferenceRun | None = None
         self._samples = 0
 

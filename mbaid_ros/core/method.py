@@ -196,7 +196,7 @@ class TrajectoryEstimator:
         self._kernel = kernel
         self._settings = settings
         self._reporting = reporting
-        self._plane = PlaneDetector(kernel.model)
+        self._plane = PlaneDetector(kernel.model, max((each.tilt for each in settings.declared.unknowns), default=0.0))
         before = settings.before  # in space a planar motion counts as well
         self._plane.planar = self._plane.planar and (before is None or before.planar)
         self._soft = soft_grasp_warnings(kernel)

@@ -122,8 +122,8 @@ class SimulatorNode(Node):
     def _on_timer(self) -> None:
         """Publish the messages that are due."""
         if not self._pace.begun:
-            wanted = self._config.wait_for_subscribers
-            if any(self._topics[topic].get_subscription_count() < wanted for topic in ('joint_states', 'odom')):
+            wanted, base = self._config.wait_for_subscribers, 'pose' if self._config.pose_only else 'odom'
+            if any(self._topics[topic].get_subscription_count() < wanted for topic in ('joint_states', base)):
                 return
             self._start()
         now = self._pace.now()

@@ -33,6 +33,7 @@ class ModelSummary:
     foreign: tuple[str, ...] = ()  # joints of the messages that the robot description lacks
     unheard: tuple[str, ...] = ()  # moving joints that no message has named so far; empty before the first message
     dropped: tuple[str, ...] = ()  # ignored parts of the robot description, a line each
+    weighed: str = ''  # how the weighed mass contradicts the robot description; empty where it does not
 
     @property
     def lines(self) -> list[str]:
@@ -66,7 +67,7 @@ class ModelSummary:
                 f'no real body has the inertia that the robot description gives {listing(self.impossible)}: moments '
                 'must be positive, none larger than the sum of the other two'
             )
-        return lines
+        return [*lines, *([self.weighed] if self.weighed else [])]
 
 
 def summarise(
@@ -76,6 +77,7 @@ def summarise(
     chosen: bool = True,
     heard: Collection[str] = (),
     unknown: Collection[str] = (),
+    weighed: str = '',
 ) -> ModelSummary:
     """Return the summary of a robot.
 
@@ -85,6 +87,7 @@ def summarise(
     chosen : whether a parameter names that
     heard : joints that the messages name
     unknown : further links that are identified, and need no inertia
+    weighed : how the weighed mass contradicts the robot description
     """
     bodies = model.body_parameters(without=target_link)[:, 0]
     massless = [link for link in model.links if link.parameters[0] == 0.0 and link.name != target_link]
@@ -104,6 +107,7 @@ def summarise(
         foreign=tuple(sorted(set(heard) - set(model.described_joints))),
         unheard=tuple(name for name in model.independent_joints if name not in heard) if heard else (),
         dropped=model.dropped,
+        weighed=weighed,
     )
 
 

@@ -56,6 +56,7 @@ EXACT_ROBOT = (
 )
 _ACCEPTED = 'accepted: the URDF that calibrate --output wrote with it'
 _PACKAGE, _FILE = 'package://', 'file://'
+_MISWEIGHED = 4.0  # standard deviations between weighed and described mass from which a warning names both
 _HALF_A_PERIOD = 0.35  # half periods by which a window may differ from one
 
 
@@ -204,6 +205,22 @@ def _mass_without_target(config: KnownLinksConfig, kernel: MomentumKernel) -> To
         return total
     given = config.links.get(kernel.target.name, {}).get('mass_relative_std', np.sqrt(2.0) * config.relative_std)
     return TotalMass(total.mass - float(own[0]), float(np.hypot(total.std, given * own[0])))
+
+
+def contradicted_mass(config: KnownLinksConfig, kernel: MomentumKernel) -> str:
+    """Return how a weighed mass contradicts the masses of the robot description; empty where they agree."""
+    total = _mass_without_target(config, kernel)
+    if total is None or config.calibration:
+        return ''
+    own, described = float(kernel.target.parameters[0]), float(np.sum(kernel.known[:, 0]))
+    std = float(np.hypot(total.std, np.linalg.norm(kernel.errors.factor[::10].sum(axis=0))))
+    if abs(total.mass - described) <= _MISWEIGHED * std:
+        return ''
+    target = f', {own:.4g} kg of it in target link {kernel.target.name!r}' if own > 0.0 else ''
+    return (
+        f'known_links.total_mass is {config.total_mass:.6g} kg, but the robot description has '
+        f'{described + own:.6g} kg{target}: correct the masses; the target link must not contain the held body'
+    )
 
 
 def _calibration(model: RobotModel, config: KnownLinksConfig) -> CalibrationFile:

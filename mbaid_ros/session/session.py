@@ -39,7 +39,7 @@ from mbaid_ros.session.continuation import read_continuation
 from mbaid_ros.session.methods import make_capture, make_estimator
 from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
 from mbaid_ros.session.repairing import RepairPolicy, conversions, described, refuse_repair, repaired
-from mbaid_ros.session.robot import EXACT_ROBOT, Robot
+from mbaid_ros.session.robot import EXACT_ROBOT, Robot, contradicted_mass
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
 SPOKEN = {JOINTS: 'the joint states', ODOMETRY: 'the poses of the base', IMU: 'the IMU'}  # whatever their topics are
@@ -654,7 +654,8 @@ class Session:
         chosen = bool(self.config.target_link)
         heard = [name for name in self.intake.joint_reader.heard if name not in self.config.wheels.names]
         heard += self.config.flexible.joints if heard else ()
-        return summarise(self.robot.model, self.robot.target_link, chosen=chosen, heard=heard)
+        weighed = contradicted_mass(self.config.known_links, self.robot.kernel)
+        return summarise(self.robot.model, self.robot.target_link, chosen=chosen, heard=heard, weighed=weighed)
 
     def posterior(self) -> Posterior | None:
         """Return the posterior of the run; None if its method has none, or none yet."""

@@ -16,6 +16,7 @@ from declarations import exact_but
 from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.clocks import ClockDrift, TimeOffset
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.links import KnownLinksConfig
 from mbaid_ros.core.odometry.model import TwistBias
 from mbaid_ros.core.orbit import Gravity
 from mbaid_ros.core.results.estimate import Estimate
@@ -25,7 +26,7 @@ from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.state import layout_of, variables
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.parameters import build
-from mbaid_ros.session.robot import EXACT_ROBOT, Robot, nominal_model, with_known_errors
+from mbaid_ros.session.robot import EXACT_ROBOT, Robot, contradicted_mass, nominal_model, with_known_errors
 from mbaid_ros.session.session import Session
 from mbaid_ros.tasks import Method
 from servicers import LINKS, standard_parameters
@@ -210,6 +211,21 @@ def test_the_mass_of_the_whole_robot_is_known_as_well_as_it_was_weighed() -> Non
     assert total @ filtered.to_state @ mean == pytest.approx(2.0 * before / (before + weighed))
     with pytest.raises(ParameterError, match='accepted: both above 0, or none'):
         nominal_model(build(EstimatorConfig, {'known_links.total_mass': 3.0}), kernel)
+
+
+@pytest.mark.parametrize(('excess', 'warned'), [(0.0, False), (0.2, True), (-0.2, True)])
+def test_a_weighed_mass_that_contradicts_the_robot_description_is_a_warning(excess: float, warned: bool) -> None:
+    """It counts the target link's own inertial, which seldom holds the body as well."""
+    total = float(np.sum(ROBOT.known[:, 0]) + ROBOT.target.parameters[0])
+    given = {'known_links.total_mass': (1.0 + excess) * total, 'known_links.total_mass_std': 0.01}
+    config = build(EstimatorConfig, given).known_links
+    kernel, _ = with_known_errors(ROBOT, config)
+    text = contradicted_mass(config, kernel)
+    assert bool(text) is warned
+    if warned:
+        assert f'is {(1.0 + excess) * total:.6g} kg' in text
+        assert f"{total:.6g} kg, {ROBOT.target.parameters[0]:.4g} kg of it in target link '{ROBOT.target.name}'" in text
+    assert contradicted_mass(KnownLinksConfig(), kernel) == ''
 
 
 class Contradicted(Method):

@@ -118,6 +118,11 @@ class OdometryMount(Unknown):
     of_measurement = True
     calibrated = True
 
+    @property
+    def tilt(self) -> float:
+        """Standard deviation of its rotation, about each axis, rad."""
+        return float(np.sqrt(np.sum(self.factor[:3] ** 2) / 3.0))
+
     def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
         """Return the mount as uncertain as it is off."""
         del cause, kernel

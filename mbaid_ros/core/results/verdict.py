@@ -377,12 +377,15 @@ class Reporting:
             else:
                 body, correction = project_planar(body, covariance, self.scale, plane)
             parameters, jacobian, linear, remainder, identifiable = self._observed(solution, body)
+        residual = float(np.sqrt(max(solution.cost, 0.0) / max(solution.redundancy, 1)))
         published = jacobian @ covariance @ jacobian.T + remainder
+        reasons = [*self._reasons(identifiable, linear, residual, correction, solution)]
+        if not identifiable.any():
+            reasons += self._uncertain_mass(float(np.sqrt(published[0, 0]) / abs(parameters[0])))
         parameters[~identifiable] = np.nan
         published[~(identifiable[:, None] & identifiable)] = np.nan
         relative = relative_std(published, self.sizes(parameters))
         precise = is_precise(relative, identifiable, self.converged_std)
-        residual = float(np.sqrt(max(solution.cost, 0.0) / max(solution.redundancy, 1)))
         shift = np.eye(6)
         shift[3:, :3] = skew(solution.origin)  # L = L_0 + origin x P
         estimate = replace(
@@ -396,9 +399,7 @@ class Reporting:
             residual=residual,
             consistency_correction=correction,
         )
-        return with_reasons(
-            estimate, [*self._reasons(identifiable, linear, residual, correction, solution), *solution.reasons]
-        )
+        return with_reasons(estimate, [*reasons, *solution.reasons])
 
     def _observed(self, solution: Solution, body: Array) -> tuple[Array, Array, Flags, Array, Flags]:
         """Return what the data observe of a body (10,) at or near a solution, by its mass, CoM and inertia about it.
@@ -422,6 +423,19 @@ class Reporting:
         # An element that vanishes is of the size that rounding leaves of a typical one.
         typical = np.concatenate((self.scale[:1], np.full(3, LENGTH), self.scale[4:]))
         return np.maximum(sizes, 1e-9 * typical)
+
+    def _uncertain_mass(self, relative: float) -> Iterator[Reason]:
+        """Yield why nothing is published of a body whose mass has a relative standard deviation, if it is near that."""
+        limit = _OF_THE_MASS * self.identifiable_std
+        if relative < self.identifiable_std:
+            why = (
+                f'known to {100.0 * relative:.3g} % (standard deviation), and numbers are published from '
+                f'{100.0 * limit:.3g} % on'
+            )
+            yield Reason(
+                f'the mass is {why if relative >= limit else "observable only at second order"}: weigh the robot '
+                '(known_links.total_mass), or move more'
+            )
 
     def _reasons(
         self, identifiable: Flags, linear: Flags, residual: float, correction: float, solution: Solution

@@ -354,14 +354,19 @@ class Plane:
 class PlaneDetector:
     """Decides from mechanism and motion whether a robot moves in a plane; once spatial, it stays so.
 
-    Attributes
+    Parameters
     ----------
     model : RobotModel
+    tilt : standard deviation of the base's axes in the frame that its poses locate, rad: as that turns about the
+        normal of the table, the axes read are seen to tilt by up to twice their error
+
+    Attributes
+    ----------
     planar : whether it does, so far
     """
 
-    def __init__(self, model: RobotModel) -> None:
-        self.model = model
+    def __init__(self, model: RobotModel, tilt: float = 0.0) -> None:
+        self.model, self._tilt = model, tilt
         self._axis = _common_axis(model)
         self._normal: Array | None = None
         self._place: Array | None = None  # m, where a body without joints was first
@@ -387,9 +392,9 @@ class PlaneDetector:
         tilt = np.linalg.norm(np.cross(self._normal, mean))
         out_of_plane = np.linalg.norm(rate - self._normal * (self._normal @ rate))
         # The reference normal has the first window's noise: twice the variance. A rate of NaN is not measured.
-        turns_out = out_of_plane > _SIGNIFICANT * rate_std
+        turns_out = out_of_plane > _SIGNIFICANT * np.hypot(rate_std, self._tilt * np.linalg.norm(rate))
         # Nor is an orientation with a covariance of NaN, but integrated: then the gyro decides, despite its bias.
-        tilts = tilt > _SIGNIFICANT * np.sqrt(2.0) * tilt_std
+        tilts = tilt > _SIGNIFICANT * np.sqrt(2.0) * np.hypot(tilt_std, self._tilt)
         if np.isnan(tilt_std) and window.further.shape[1] and count > 1:
             turned = (window.further[-1, :3] - window.further[0, :3]) / (window.time[-1] - window.time[0])
             tilts = np.linalg.norm(turned - self._axis * (self._axis @ turned)) > _OUT_OF_PLANE

@@ -250,6 +250,24 @@ def test_a_plane_is_left_by_a_rate_beyond_the_noise_of_a_windows_mean(rate: floa
     assert detector.planar is planar
 
 
+@pytest.mark.parametrize(('declared', 'planar'), [(0.0, False), (5e-3, True), (1e-4, False)])
+def test_a_frame_that_is_mounted_askew_turns_in_the_plane_all_the_same(declared: float, planar: bool) -> None:
+    """A marker 5 mrad askew leans another way as the base turns, and the table would then carry what tilts it."""
+    detector = PlaneDetector(robot('table1'), declared)
+    askew = exp(np.array([5e-3, 0.0, 0.0]))
+    for heading in (0.0, 1.5):
+        turned = exp(np.array([0.0, 0.0, heading]))
+        samples = turning_about(Z, 50)
+        detector.update(
+            replace(
+                samples,
+                base_rotation=turned @ samples.base_rotation @ askew,
+                base_angular_velocity=samples.base_angular_velocity @ turned.T,
+            )
+        )
+    assert detector.planar is planar
+
+
 def test_the_unknowns_of_a_plane(planar: Truth) -> None:
     servicer = kernel('table1')
     part = windows(observe(planar, MID))[:3]
