@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ from mbaid_ros.errors import ParameterError
 if TYPE_CHECKING:  # --help needs none of it
     from mbaid_ros.recordings.recording import Recording
 
-FORMATS = ('tudelft-throw', 'spot-2021', 'spot-2023', 'air-bearing-thrusters', 'iss-mimic', 'csv')
+FORMATS = ('tudelft-throw', 'spot-2021', 'spot-2023', 'spot-captures', 'air-bearing-thrusters', 'iss-mimic', 'csv')
 # The format that an option is for.
 _OPTIONS = {
     'commands': 'spot-2021',
@@ -24,6 +25,12 @@ _OPTIONS = {
     'start': 'iss-mimic',
     'end_hour': 'iss-mimic',
 }
+# Formats without options: module and function.
+_OF_THE_LOG_ALONE = {
+    'spot-2023': ('spot', 'read_spot_2023'),
+    'spot-captures': ('spot_captures', 'read_spot_capture'),
+    'air-bearing-thrusters': ('air_bearing', 'read_air_bearing_thrusters'),
+}
 
 _DESCRIPTION = """\
 Make an MCAP bag of a log. If the format has them, the folder also gets robot.urdf, with the source of every number,
@@ -32,6 +39,7 @@ estimator.yaml, with parameters for replay, and truth.json.
   tudelft-throw *.BFL or CSV of TU Delft's throwing device: gyro, accelerometer and flywheel in free flight, no pose
   spot-2021     *__stitched.mat of Carleton University's SPOT: planar chaser, commanded arm, thrusters off
   spot-2023     ExpLog* of the same chaser: measured arm, thrusters on nearly always
+  spot-captures Kirk_Phase3_*__stitched.mat of the same chaser: captures of a tracked body, thrusters off
   air-bearing-thrusters
                 real_test_data.csv of a body on a table that eight thrusters move
   iss-mimic     folder with a day of the space station's telemetry: attitude, rates, gyros' torque, array joints
@@ -84,15 +92,13 @@ def _read(arguments: argparse.Namespace) -> Recording:
         from mbaid_ros.recordings.throws import read_tudelft_throw  # noqa: PLC0415
 
         return read_tudelft_throw(arguments.log, arguments.object or '', dead_reckoned=bool(arguments.dead_reckon))
-    if arguments.format == 'air-bearing-thrusters':
-        from mbaid_ros.recordings.air_bearing import read_air_bearing_thrusters  # noqa: PLC0415
+    if arguments.format == 'spot-2021':
+        from mbaid_ros.recordings.spot import read_spot_2021  # noqa: PLC0415
 
-        return read_air_bearing_thrusters(arguments.log)
-    from mbaid_ros.recordings.spot import read_spot_2021, read_spot_2023  # noqa: PLC0415
-
-    if arguments.format == 'spot-2023':
-        return read_spot_2023(arguments.log)
-    return read_spot_2021(arguments.log, arguments.commands)
+        return read_spot_2021(arguments.log, arguments.commands)
+    module, name = _OF_THE_LOG_ALONE[arguments.format]
+    read: Callable[[Path], Recording] = getattr(import_module(f'mbaid_ros.recordings.{module}'), name)
+    return read(arguments.log)
 
 
 def _parser() -> cli.ArgumentParser:
