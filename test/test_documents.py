@@ -58,7 +58,11 @@ def test_every_threshold_has_a_reason_and_is_in_the_page() -> None:
 
 @pytest.mark.parametrize(
     'document',
-    ['CONTRIBUTING.md', *(f'docs/explanation/{name}.md' for name in ('architecture', 'method', 'trajectory', 'orbit'))],
+    [
+        'CONTRIBUTING.md',
+        'docs/reference/files.md',
+        *(f'docs/explanation/{name}.md' for name in ('architecture', 'method', 'trajectory', 'orbit')),
+    ],
 )
 def test_every_file_of_code_that_is_named_is_there(document: str) -> None:
     folders = [ROOT / folder for folder in ('mbaid_ros', 'scripts', 'test')]
