@@ -77,6 +77,19 @@ def test_readings_at_the_end_of_the_range_are_not_used() -> None:
     assert known.tolist() == [True, False, True, True]
 
 
+@pytest.mark.parametrize('pieces', [1, 7, 90])
+def test_an_axis_that_stays_the_same_while_it_turns_fast_is_stuck_from_its_eighth_reading_on(pieces: int) -> None:
+    times = 5.0 * np.arange(90)
+    rate = even(times)
+    rate[:, 1] += 1.0
+    rate[10:30, 1] = rate[40:47, 1] = rate[60:68, 0] = 0.8  # 20, 7 and 8 readings in a row
+    rate[50:80, 2] = 0.1  # slow
+    gyro, whole = RateIntegrator(GAP), stream(times, rate)
+    for piece in np.array_split(np.arange(len(times)), pieces):
+        gyro.push(whole[piece])
+    assert gyro.dropped == {SATURATED: 13 + 0 + 1}
+
+
 def window(rng: np.random.Generator, start: float, matrix: Array) -> Samples:
     """Return a window of a base that turns evenly, whose gyro reads its rate times a matrix."""
     time = start + np.arange(0.0, 0.5, 0.1)

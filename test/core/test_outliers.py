@@ -94,6 +94,13 @@ def test_an_outlier_beside_a_gap_is_kept_as_one_neighbour_after_it_shows_no_moti
     assert passed(base)[1] == (not kept)
 
 
+@pytest.mark.parametrize(('count', 'dropped'), [(38, 38), (40, 0), (120, 0)])
+def test_more_suspicious_poses_in_a_row_than_any_fault_makes_are_kept(count: int, dropped: int) -> None:
+    place = np.arange(400)
+    base = thrown(noisy(400, 0), (place >= 100) & (place < 100 + count), 0)
+    assert passed(base)[1] == dropped
+
+
 @pytest.mark.parametrize(('length', 'angle'), [(0.2, 0.0), (0.0, 0.087)])
 def test_a_pose_that_is_off_in_one_part_is_an_outlier(length: float, angle: float) -> None:
     hit = hits(0.01, 2000, 1)

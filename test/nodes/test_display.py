@@ -39,15 +39,14 @@ def running_estimator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Grap
 RVIZ, PLOTJUGGLER = CONFIG / 'mbaid_ros.rviz', CONFIG / 'plotjuggler_layout.xml'
 
 
-@pytest.fixture(name='topics')
-def topics_of_a_running_estimator(running: Graph) -> dict[str, str]:
-    """Return the type of each topic."""
+def type_of(topic: str, running: Graph) -> str:
+    """Return the type of a topic of a running estimator, whose topics appear one after the other."""
 
-    def found() -> dict[str, str]:
-        return {name: types[0] for name, types in running.node.get_topic_names_and_types()}
+    def found() -> dict[str, list[str]]:
+        return dict(running.node.get_topic_names_and_types())
 
-    running.wait(lambda: {'/estimator/estimate', '/robot_description', '/diagnostics'} <= set(found()), 'the topics')
-    return found()
+    running.wait(lambda: topic in found(), topic)
+    return found()[topic][0]
 
 
 def has_field(type_name: str, path: str) -> bool:
@@ -73,12 +72,12 @@ def rviz_displays() -> list[dict[str, Any]]:
     return displays
 
 
-def test_rviz_shows_topics_that_exist(topics: dict[str, str]) -> None:
+def test_rviz_shows_topics_that_exist(running: Graph) -> None:
     seen = 0
     for display in rviz_displays():
         topic = display.get('Topic') or display.get('Description Topic')
         if topic is not None:
-            assert (display['Class'], topics[topic['Value']]) == (
+            assert (display['Class'], type_of(topic['Value'], running)) == (
                 'rviz_default_plugins/RobotModel',
                 'std_msgs/msg/String',
             )
@@ -87,14 +86,15 @@ def test_rviz_shows_topics_that_exist(topics: dict[str, str]) -> None:
     assert seen == 2
 
 
-def test_plotjuggler_shows_topics_and_fields_that_exist(topics: dict[str, str]) -> None:
+def test_plotjuggler_shows_topics_and_fields_that_exist(running: Graph) -> None:
     root = ET.fromstring(PLOTJUGGLER.read_text(encoding='utf-8'))
     curves = [str(curve.get('name')) for curve in root.iter('curve')]
     selected = [str(topic.get('name')) for topic in root.iter('topic')]
     assert len(curves) == 17
+    types = {topic: type_of(topic, running) for topic in selected}
     for curve in curves:
         topic = next(name for name in selected if curve.startswith(f'{name}/'))
-        assert has_field(topics[topic], curve.removeprefix(f'{topic}/').replace('/', '.')), curve
+        assert has_field(types[topic], curve.removeprefix(f'{topic}/').replace('/', '.')), curve
 
 
 # -- What was published and cannot be used any more is taken back: from who reads one topic alone, and who comes late.

@@ -117,8 +117,7 @@ def test_runs_of_one_robot_add_up(capsys: pytest.CaptureFixture[str], tmp_path: 
     first, second = json.loads(capsys.readouterr().out)
     assert first['continuation']
     assert second['std']['mass'] < first['std']['mass']
-    replay([begun, '--model', MODEL, '--json', str(result)])
-    capsys.readouterr()
+    result.write_text(json.dumps(first))
     replay([after, '--model', MODEL, '-p', f'continue_from:={result}', '--json', '-'])
     assert json.loads(capsys.readouterr().out)['estimate'] == second['estimate']
 

@@ -22,25 +22,21 @@ def shorten(monkeypatch: pytest.MonkeyPatch, name: str, seconds: float) -> None:
 LONG = pytest.mark.long
 
 
+@LONG
 @pytest.mark.parametrize(
     ('condition', 'seconds'),
     [
         ('orientation turned round', 24.0),
-        *(
-            pytest.param(condition, seconds, marks=LONG)
-            for condition, seconds in (
-                ("a joint's zero 30 mrad off", 32.0),
-                ("a joint's sign flipped", 32.0),
-                ('joints in degrees', 24.0),
-                ('positions in millimetres', 24.0),
-                ('quaternions with w first', 24.0),
-                ("a joint's reading frozen for 15 s", 36.0),
-                ('an encoder that slips by 10 mrad', 56.0),
-                ('a prismatic joint in millimetres', 24.0),
-                ('a flexible joint of 2 Hz', 20.0),
-                ('a flexible joint of 1 Hz', 24.0),
-            )
-        ),
+        ("a joint's zero 30 mrad off", 32.0),
+        ("a joint's sign flipped", 32.0),
+        ('joints in degrees', 24.0),
+        ('positions in millimetres', 24.0),
+        ('quaternions with w first', 24.0),
+        ("a joint's reading frozen for 15 s", 36.0),
+        ('an encoder that slips by 10 mrad', 56.0),
+        ('a prismatic joint in millimetres', 24.0),
+        ('a flexible joint of 2 Hz', 20.0),
+        ('a flexible joint of 1 Hz', 24.0),
     ],
 )
 def test_the_true_cause_is_named_first(condition: str, seconds: float, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -136,13 +136,10 @@ def test_odometry_of_a_navigation_filter_is_as_uncertain_as_reported(constant: f
     assert np.mean(np.square(within)) < 1.64
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ('delay', 'seconds', 'how'),
-    [
-        (0.2, 18.0, '200 ms late'),
-        pytest.param(-0.1, 24.0, '100 ms early', marks=pytest.mark.long),
-        pytest.param(-0.32, 24.0, '300 ms early', marks=pytest.mark.long),
-    ],
+    [(0.2, 18.0, '200 ms late'), (-0.1, 24.0, '100 ms early'), (-0.32, 24.0, '300 ms early')],
 )
 def test_joints_that_are_stamped_far_off_are_named_first(delay: float, seconds: float, how: str) -> None:
     messages = changed(JOINTS, shifted(delay))(arrivals(ROBOT, seconds, 1))

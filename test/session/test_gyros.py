@@ -74,8 +74,8 @@ def test_a_gyro_on_the_arm_beside_one_on_the_base() -> None:
     """Errors of the estimates have the size of the standard deviations, and the second gyro makes these smaller."""
     errors = []
     for seed in range(3):
-        said = messages(ROBOT, 20.0, seed)
-        both = last(with_second(said, messages(ROBOT, 20.0, 50 + seed, link='link3')), {**KNOWN, **ARM})
+        said = messages(ROBOT, 12.0, seed)
+        both = last(with_second(said, messages(ROBOT, 12.0, 50 + seed, link='link3')), {**KNOWN, **ARM})
         assert both.status in {'estimating', 'converged'}
         errors.append(normalised(both, ROBOT))
         if not seed:

@@ -77,25 +77,17 @@ def same(one: Estimate, other: Estimate) -> bool:
     )
 
 
-def test_a_run_with_a_wrong_sign_ends_with_the_true_inertia_live_as_in_a_replay() -> None:
-    given = messages("a joint's sign flipped", 26.0)
-    (first, second) = started(repair=True), started(repair=True)
-    one, other = replayed(first, given), live(second, given)
-    (repair,) = one[-1].repairs
+def test_a_run_with_a_wrong_sign_ends_with_the_true_inertia() -> None:
+    last = replayed(started(repair=True), messages("a joint's sign flipped", 17.0))[-1]
+    (repair,) = last.repairs
     assert repair.conversion == Conversion(factors={'joint3': -1.0})
     assert repair.parameters is None
-    assert one[-1].warnings[0] == str(repair)
-    assert one[-1].status == 'estimating'
+    assert last.warnings[0] == str(repair)
+    assert last.status == 'estimating'
     truth = physical(load_model(URDF).link('link7').parameters)
-    known = one[-1].identifiable
+    known = last.identifiable
     assert known[:4].all()
-    assert np.max(np.abs((one[-1].parameters - truth) / one[-1].std)[known]) < 4.0
-    assert same(one[-1], other[-1])
-    stamps = [each.stamp for each in other]
-    assert stamps == sorted(set(stamps))  # none goes back
-    second.reset()
-    assert second.repairs == ()
-    assert not values_of(second.config)['known_links.calibration']
+    assert np.max(np.abs((last.parameters - truth) / last.std)[known]) < 4.0
 
 
 def test_a_run_without_a_contradiction_is_the_same_with_repair() -> None:
@@ -132,10 +124,30 @@ def test_a_wrong_repair_is_taken_back_by_a_reset_and_where_the_stamps_jump_back(
         asked.reset()
 
 
+def test_a_repair_that_is_made_live_is_that_of_a_replay(monkeypatch: pytest.MonkeyPatch) -> None:
+    given, second = messages('sinusoids of the shipped robot', 7.0), started(repair=True)
+    repair_once(monkeypatch, SIGN)
+    one = replayed(started(repair=True), given)
+    repair_once(monkeypatch, SIGN)
+    other = live(second, given)
+    assert one[-1].repairs == other[-1].repairs == (SIGN,)
+    assert same(one[-1], other[-1])
+    stamps = [each.stamp for each in other]
+    assert stamps == sorted(set(stamps))  # none goes back
+    second.reset()
+    assert second.repairs == ()
+    assert not values_of(second.config)['known_links.calibration']
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     ('name', 'seconds'),
-    [("a joint's zero 30 mrad off", 30.0), ('an encoder that slips by 10 mrad', 45.0), ('two joints swapped', 30.0)],
+    [
+        ("a joint's sign flipped", 26.0),
+        ("a joint's zero 30 mrad off", 30.0),
+        ('an encoder that slips by 10 mrad', 45.0),
+        ('two joints swapped', 30.0),
+    ],
 )
 def test_live_equals_replay_and_the_parameters_of_a_repair_give_its_numbers(name: str, seconds: float) -> None:
     given = messages(name, seconds)

@@ -9,6 +9,7 @@ from checked import generic
 from mbaid_ros.core.difference import ConsiderParameters, _thinned, concatenated, mean_of_each
 from mbaid_ros.core.forces import DisturbanceModel, disturbances
 from mbaid_ros.core.geometry import Array, rotate
+from mbaid_ros.core.odometry.model import odometry_mount
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.simulation.simulation import Truth
@@ -60,6 +61,17 @@ def test_a_push_counts_each_sample_of_a_window_that_is_thinned(spatial: Truth) -
     consider = ConsiderParameters(kernel('servicer7'), disturbances(push, push))
     found = consider.columns([samples], BODY)[0] @ np.concatenate((TORQUE, FORCE)) / 0.5
     assert found == pytest.approx(-np.mean(brought(samples), axis=0), rel=1e-9)
+
+
+def test_unknowns_side_by_side_have_the_columns_of_each_alone(spatial: Truth) -> None:
+    samples = observe(spatial, MID)[:150]
+    push = DisturbanceModel(0.5, 0.0, 'inertial')
+    unknowns = [odometry_mount(1.0, 1.0), *disturbances(push, push)]
+    together, *alone = (
+        ConsiderParameters(kernel('servicer7'), some).columns([samples], BODY)
+        for some in (unknowns, *([each] for each in unknowns))
+    )
+    np.testing.assert_array_equal(together, np.concatenate(alone, axis=2))
 
 
 def test_thinned_samples_are_spread_evenly_over_their_window(spatial: Truth) -> None:

@@ -139,7 +139,7 @@ def test_joints_that_are_late(robot: MomentumKernel, servicer: Truth) -> None:
     assert normalised(last, robot) < LIMIT
 
 
-CAUGHT, END = 20.0, 40.0  # s
+CAUGHT, END = 12.0, 28.0  # s
 VELOCITY, SPIN = np.array([0.004, -0.006, 0.003]), np.array([0.02, -0.03, 0.015])  # m/s, rad/s
 
 
