@@ -173,7 +173,7 @@ def _iterate(motions: Sequence[Motion], common: Array, momenta: Array) -> Calibr
 
 def _step(shared: Variables, iteration: CalibrationIteration, common: Array) -> tuple[Array, Array]:
     """Return the Gauss-Newton step of an iteration, and the standard deviations."""
-    spread = shared.to_state[BODY.start :, shared.head :]
+    spread = shared.to_state[BODY.start :, shared.moving :]
     # Numbers of a planar target link that the variables leave out do not move.
     step = spread @ (iteration.mean - np.linalg.pinv(spread) @ common)
     return step, np.sqrt(np.sum((spread @ iteration.factor) ** 2, axis=1))
@@ -222,13 +222,15 @@ def filter_motions(
         else:
             gaussian = new_motion(gaussian, own)
         for number, (window, linearised) in enumerate(_linearised(motion, point), start=1):
-            white = linearised if given is None else linearised.with_known(np.append(np.full(own.head, np.nan), given))
+            white = (
+                linearised if given is None else linearised.with_known(np.append(np.full(own.moving, np.nan), given))
+            )
             gaussian = update(at_window_start(gaussian, window, white, own), white)
             if number < len(motion.windows):
                 gaussian = advance(gaussian, white, own, UNDISTURBED)
         heads.append(_momentum_rows(gaussian, own))
     assert gaussian is not None, 'there is a motion'
-    head = motions[0].variables.head
+    head = motions[0].variables.moving
     mean, factor = gaussian.mean_and_shift()[0][head:], gaussian.factor[head:, head:]
     found = [_momentum(rows, motion.variables, mean, factor) for rows, motion in zip(heads, motions, strict=True)]
     momenta = np.array([momentum for momentum, _ in found])
@@ -259,13 +261,13 @@ def _momentum_rows(gaussian: SquareRootInformation, own: Variables) -> Array:
     if own.time_constants.size:
         mine = mine | np.isfinite(own.time_constants)
     if not mine.any():
-        return root[own.poses : own.head]
+        return root[own.pose_size : own.moving]
     first = np.concatenate((np.zeros(own.first_unknown, dtype=bool), mine, np.zeros(2, dtype=bool)))
     count = int(np.sum(mine))
     order = np.concatenate((np.flatnonzero(first), np.flatnonzero(~first)))
     triangle = np.asarray(np.linalg.qr(root[:, order], mode='r'))
-    rows = np.zeros((own.head - own.poses, root.shape[1]))
-    rows[:, ~first] = triangle[count + own.poses : count + own.head, count:]
+    rows = np.zeros((own.moving - own.pose_size, root.shape[1]))
+    rows[:, ~first] = triangle[count + own.pose_size : count + own.moving, count:]
     return rows
 
 
@@ -277,8 +279,8 @@ def _momentum(rows: Array, own: Variables, mean: Array, factor: Array) -> tuple[
     rows, own : (p, v + 2) of the triangle at the motion's end, given all else; variables of the motion
     mean, factor : (v - h,), (v - h, v - h) of all else
     """
-    back = np.linalg.inv(rows[:, own.poses : own.head])
-    others = rows[:, own.head : -2]
+    back = np.linalg.inv(rows[:, own.pose_size : own.moving])
+    others = rows[:, own.moving : -2]
     value = back @ (rows[:, -2:].sum(axis=1) - others @ mean)
-    spread = own.to_state[MOMENTUM, own.poses : own.head]
+    spread = own.to_state[MOMENTUM, own.pose_size : own.moving]
     return spread @ value, spread @ np.concatenate((back, -back @ others @ factor), axis=1)

@@ -34,10 +34,10 @@ def bias_corrected(motions: Sequence[Motion], solution: CalibrationSolution) -> 
     if not solution.converged or not any(motion.has_disturbance for motion in motions):
         return solution
     own = motions[0].variables
-    deviation = np.linalg.norm(own.to_state[BODY.start :, own.head :] @ solution.iteration.factor, axis=1)
+    deviation = np.linalg.norm(own.to_state[BODY.start :, own.moving :] @ solution.iteration.factor, axis=1)
     misfit = Misfit(motions, solution.common, deviation, solution.momenta)
     iteration = filter_motions(motions, misfit.points(solution.common))
-    score = misfit.score(iteration.gaussian.root[own.head :, own.head :])
+    score = misfit.score(iteration.gaussian.root[own.moving :, own.moving :])
     return replace(solution, iteration=filter_motions(motions, misfit.points(solution.common), score))
 
 
@@ -55,7 +55,7 @@ class Misfit:
     def bodies(self) -> Integers:
         """Indices of the numbers that rows depend on by the motion, among the variables that all motions share."""
         layout, own = self.motions[0].layout, self.motions[0].variables
-        first = own.first_unknown - own.head
+        first = own.first_unknown - own.moving
         places = [
             np.arange(place.start, place.stop) - BODY.stop + first
             for unknown, place in zip(layout.unknowns, layout.places, strict=True)
@@ -71,14 +71,14 @@ class Misfit:
         """Return (w,) the gradient of the misfit less that of the least squares of a root (w, w + 2)."""
         own, bodies = self.motions[0].variables, self.bodies
         prior_mean, triangle, _ = own.prior()
-        prior = np.column_stack((triangle, np.zeros(len(triangle)), triangle @ prior_mean))[own.head :, own.head :]
+        prior = np.column_stack((triangle, np.zeros(len(triangle)), triangle @ prior_mean))[own.moving :, own.moving :]
         before, after = (_marginal(each, bodies) for each in (prior, root))
         at = self._values(self.common)[bodies]
         deviation = np.linalg.inv(after[:, :-1])
         left, along = np.linalg.eigh((before[:, :-1] @ deviation).T @ (before[:, :-1] @ deviation))
         left, along = left[left < 1.0 - _SEEN], along[:, left < 1.0 - _SEEN]
         slopes = [_gradient(each, at) @ deviation @ along for each in (before, after)]
-        steps = _STEP * own.to_state[BODY.start :, own.head + bodies] @ deviation @ along
+        steps = _STEP * own.to_state[BODY.start :, own.moving + bodies] @ deviation @ along
         here = self.value_at(self.common)
         lost = np.array([self.value_at(self.common + step) - here for step in steps.T])
         # The curvature is that of least squares: 1, less that of the prior.
@@ -91,11 +91,11 @@ class Misfit:
         """Return the variables (w,) that all motions share."""
         own = self.motions[0].variables
         state = np.concatenate((np.zeros(BODY.start), common))
-        return np.concatenate((own.from_state[own.head : own.first_unknown] @ state, state[BODY.stop :]))
+        return np.concatenate((own.from_state[own.moving : own.first_unknown] @ state, state[BODY.stop :]))
 
     def value_at(self, common: Array) -> float:
         """Return the normalised innovations squared of all windows, with the bodies given."""
-        given = np.full(self.motions[0].variables.scale.size - self.motions[0].variables.head, np.nan)
+        given = np.full(self.motions[0].variables.scale.size - self.motions[0].variables.moving, np.nan)
         given[self.bodies] = self._values(common)[self.bodies]
         return filter_motions(self.motions, self.points(common), given=given).gaussian.nis
 

@@ -62,7 +62,7 @@ class StandardNormals:
         iteration : with the mean and factor of the numbers that the motions share
         own : variables of a motion
         """
-        body = own.from_state[own.head : own.first_unknown, BODY]
+        body = own.from_state[own.moving : own.first_unknown, BODY]
         seen = (
             in_plane_map(unknown, unknown.in_plane(detector)) if detector.planar else np.eye(unknown.count)
             for unknown in self.unknowns

@@ -168,7 +168,7 @@ class Point:
     """Where windows are linearised."""
 
     parameters: Array  # (u,) of the prediction: P, L, phi, unknowns
-    readings: Array  # (r,) the other unknowns
+    nuisance: Array  # (r,) the other unknowns
     nominal: NominalModel  # the nominal model there
 
     @property
@@ -179,7 +179,7 @@ class Point:
     @property
     def state(self) -> Array:
         """The state (s,) there, without a pose error."""
-        return np.concatenate((np.zeros(POSE.stop), self.parameters, self.readings))
+        return np.concatenate((np.zeros(POSE.stop), self.parameters, self.nuisance))
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,8 +224,8 @@ class Layout:
         return slice(LINEAR.start, BODY.stop + sum(each.count for each in self.predicted))
 
     @cached_property
-    def readings(self) -> slice:
-        """The slice of the unknowns that affect the readings only."""
+    def nuisance(self) -> slice:
+        """The slice of the unknowns that affect the readings only: nuisance parameters of the measurement."""
         return slice(self.parameters.stop, self.size)
 
     @cached_property
@@ -249,7 +249,7 @@ class Layout:
         )
 
     @cached_property
-    def read(self) -> tuple[Unknown, ...]:
+    def of_measurement(self) -> tuple[Unknown, ...]:
         """The unknowns that only the readings depend on."""
         return tuple(each for each in self.unknowns if each.of_measurement)
 
@@ -292,7 +292,7 @@ class Layout:
         before = len(self.predicted)
         predicted, read = (tuple(each for each in more if each.of_measurement is which) for which in (False, True))
         unknowns = (*self.unknowns[:before], *predicted, *self.unknowns[before:], *read)
-        known = self.known.extended(sum(each.count for each in predicted), before=self.readings.start - BODY.stop)
+        known = self.known.extended(sum(each.count for each in predicted), before=self.nuisance.start - BODY.stop)
         known = known.extended(sum(each.count for each in read), before=len(known.mean))
         return replace(self, unknowns=unknowns, known=known)
 
@@ -306,7 +306,7 @@ class Layout:
         nominal = NominalModel.nominal(self.kernel)
         for unknown, place in zip(self.unknowns, self.places, strict=True):
             nominal = unknown.applied_to(nominal, unknown.factor @ values[place])
-        return Point(values[self.parameters], values[self.readings], nominal)
+        return Point(values[self.parameters], values[self.nuisance], nominal)
 
     def linearisation_state(self, state: Array, deviation: Array | None = None) -> Array:
         """Return the linearisation point (s,) of windows, for a state (s,) with standard deviations (s,)."""
@@ -409,7 +409,7 @@ class Variables:
         return self.has_body_prior or self.tracked is not None
 
     @property
-    def poses(self) -> int:
+    def pose_size(self) -> int:
         """Number p of variables of the pose error."""
         return len(self.measured)
 
@@ -428,14 +428,14 @@ class Variables:
     def sources(self) -> tuple[str, ...]:
         """The sensor of each number that a window may measure: the pose's, the twist's, then those of the others."""
         angular = int(self.measured[:, :3].any(axis=1).sum())
-        counts = [angular, self.poses - angular] * 2 + [len(each) for each in self.rate_combinations[1:]]
+        counts = [angular, self.pose_size - angular] * 2 + [len(each) for each in self.rate_combinations[1:]]
         names = (*BASE_SENSORS, *(sensor.name for sensor in self.sensors))
         return tuple(name for name, count in zip(names, counts, strict=True) for _ in range(count))
 
     @cached_property
-    def head(self) -> int:
-        """Number of variables of pose error and momentum, p of either."""
-        return 2 * self.poses
+    def moving(self) -> int:
+        """Number of variables of pose error and momentum, p of either, which the motion of a window changes."""
+        return 2 * self.pose_size
 
     @property
     def first_unknown(self) -> int:
@@ -445,12 +445,12 @@ class Variables:
     @property
     def body(self) -> slice:
         """Slice of the b variables of the body."""
-        return slice(self.head, self.first_unknown)
+        return slice(self.moving, self.first_unknown)
 
     @property
     def bias(self) -> Array:
         """The (b, b + 1) information of the body by noise in the rows, before the first window."""
-        count = self.first_unknown - self.head
+        count = self.first_unknown - self.moving
         return np.zeros((count, count + 1)) if self.previous_bias is None else self.previous_bias
 
     @cached_property
@@ -462,8 +462,8 @@ class Variables:
     def persistent(self) -> Integers | slice:
         """Indices of all others but the pose error."""
         if not self.time_constants.size:
-            return slice(self.poses, None)
-        return np.setdiff1d(np.arange(self.poses, len(self.scale)), self.gauss_markov)
+            return slice(self.pose_size, None)
+        return np.setdiff1d(np.arange(self.pose_size, len(self.scale)), self.gauss_markov)
 
     def autocorrelation(self, length: float) -> Array:
         """Return the autocorrelation (f,) of the Gauss-Markov processes after a length in s."""
@@ -535,7 +535,7 @@ class Variables:
         root : (v - h, v - h + 1) square-root information of all but pose error and momentum, and z
         bias : (b, b + 1) as of `SquareRootInformation.bias_information`
         """
-        count = len(self.scale) - self.head
+        count = len(self.scale) - self.moving
         if len(root) != count:
             raise DataError(
                 f'the run to continue has {len(root)} unknowns, this one {count}; accepted: one of the same '
@@ -543,9 +543,9 @@ class Variables:
             )
         mean = np.linalg.solve(root[:, :-1], root[:, -1])
         left = np.zeros((len(self.scale), len(self.scale) + 1))
-        left[: self.head, : self.head] = self.prior()[1][: self.head, : self.head]
-        left[self.head :, self.head :] = root
-        expected = self.to_state[:, self.head :] @ mean
+        left[: self.moving, : self.moving] = self.prior()[1][: self.moving, : self.moving]
+        left[self.moving :, self.moving :] = root
+        expected = self.to_state[:, self.moving :] @ mean
         expected[BODY.start + 1 : BODY.stop] = 0.0
         return replace(self, mean=expected, previous_information=left, previous_bias=bias)
 

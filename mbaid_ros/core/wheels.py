@@ -136,7 +136,7 @@ class SpinInertias(Unknown):
         """Return the momentum of each at a unit spin inertia."""
         directions = kernel.storage.axes_in_odometry(states.configuration.rotation)
         columns = np.zeros((len(directions), 6, kernel.storage.count))
-        columns[:, 3:] = np.swapaxes(states.readings[..., None] * directions, 1, 2)
+        columns[:, 3:] = np.swapaxes(states.stored[..., None] * directions, 1, 2)
         return columns
 
     def applied_to(self, nominal: NominalModel, value: Array) -> NominalModel:

@@ -88,7 +88,7 @@ class Information:
     def determinable(self) -> Flags:
         """The parameters that a motion can determine at all, (10,): four in a planar one."""
         variables = self._known.variables
-        own = variables.basis[BODY, 2 * variables.poses : variables.first_unknown]
+        own = variables.basis[BODY, 2 * variables.pose_size : variables.first_unknown]
         left_out = self._jacobian @ (np.eye(10) - own @ own.T) * self._scale
         return np.asarray(np.linalg.norm(left_out, axis=1) < _NOTHING * self._sizes)
 
@@ -199,7 +199,7 @@ class Information:
     def _prior(self) -> SquareRootInformation:
         """Return the prior of the motion, without the pose error: the chain begins anew."""
         variables = self._known.variables
-        poses, count = variables.poses, len(variables.scale)
+        poses, count = variables.pose_size, len(variables.scale)
         root = np.zeros((count, count))
         root[:poses, :poses] = variables.prior()[1][:poses, :poses]
         factor = variables.from_state[poses:, FIRST:] @ self._known.triangle.T

@@ -130,7 +130,7 @@ def obstacles(session: Session, *, stuck: bool = True) -> list[str]:
         slowest = min(stamps, key=lambda key: stamps[key])
         late = max(stamps.values()) - stamps[slowest]
         if late > _APART:
-            names = listing(session.robot.readings[joint] for joint in slowest)
+            names = listing(session.robot.inputs[joint] for joint in slowest)
             found.append(f'the messages with {names} are {late * 1e-9:.6g} s behind those with the other joints')
     return found
 
@@ -170,7 +170,7 @@ def missing_joints(session: Session) -> tuple[str, ...]:
 def _never_held(session: Session) -> tuple[str, ...]:
     """Return the joints that no message has held, if the joints come in parts."""
     merge = session.intake.merge
-    return tuple(session.robot.readings[joint] for joint in merge.missing) if merge.partial else ()
+    return tuple(session.robot.inputs[joint] for joint in merge.missing) if merge.partial else ()
 
 
 def _lacking(session: Session) -> str:
@@ -183,7 +183,7 @@ def _lacking(session: Session) -> str:
 
 def _slow_joints(session: Session) -> str:
     """Return the joints whose messages are too far apart for joints that move."""
-    names = listing(session.robot.readings[joint] for joint in session.intake.merge.slow)
+    names = listing(session.robot.inputs[joint] for joint in session.intake.merge.slow)
     return f'those with {names} are too far apart for joints that move: send them more often, or raise maximum_gap'
 
 

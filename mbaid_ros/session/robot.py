@@ -337,8 +337,8 @@ class Robot:
         self._capture = capture
 
     @property
-    def readings(self) -> tuple[str, ...]:
-        """Names of the readings: independent joints, then stored momenta."""
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs: independent joints, then stored momenta."""
         return (*self.model.independent_joints, *self.kernel.storage.names)
 
     @cached_property

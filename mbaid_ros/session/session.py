@@ -236,7 +236,7 @@ class Intake:
         self._refused += dropped_joints + dropped_base
         joints, base = self._without_copies(joints), self._pose_copies.push(base)
         for conversion in self._conversions:
-            joints = conversion.joints(joints, self._robot.readings, self._origin)
+            joints = conversion.joints(joints, self._robot.inputs, self._origin)
             base = conversion.base(base)
         self.faults.add(joints, base)
         found = {}
@@ -255,7 +255,7 @@ class Intake:
             located = self._reckoning.push(found[IMU])
         stored = self.stored_momentum.stream() if self._has_stored_momentum else None
         if stored is not None:
-            every = range(len(self._robot.readings))
+            every = range(len(self._robot.inputs))
             joints[tuple(every[-stored.position.shape[1] :])] = stored
         merged = self.merge.push(joints)
         if merged is not None:

@@ -244,7 +244,7 @@ def test_where_a_torque_varies_the_misfit_is_least_at_the_solution() -> None:
     solution = converge([motion], prior)
     assert motion.has_disturbance
     assert solution.converged
-    body = motion.variables.to_state[BODY.start :, motion.variables.head :]
+    body = motion.variables.to_state[BODY.start :, motion.variables.moving :]
     deviation = np.linalg.norm(body @ solution.iteration.factor, axis=1)
     misfit = Misfit([motion], solution.common, deviation, solution.momenta)
 

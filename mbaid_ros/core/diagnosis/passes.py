@@ -111,12 +111,12 @@ class FilterPasses:
     def linearised(self, windows: Sequence[Window], point: Point) -> Work[WhitenedWindows]:
         """Return windows linearised at a point of this layout, or of the one that it extends."""
         own = self.layout
-        lengths = own.parameters.stop - own.parameters.start, own.size - own.readings.start
+        lengths = own.parameters.stop - own.parameters.start, own.size - own.nuisance.start
         parameters, readings = (
             np.concatenate((values, np.zeros(length - len(values))))
-            for values, length in zip((point.parameters, point.readings), lengths, strict=True)
+            for values, length in zip((point.parameters, point.nuisance), lengths, strict=True)
         )
-        at = replace(point, parameters=parameters, readings=readings)
+        at = replace(point, parameters=parameters, nuisance=readings)
         return (yield from self._batch.relinearise(in_stacks(windows), at))
 
     def filtered(
@@ -200,12 +200,12 @@ class FilterPasses:
         """
         own = self.variables
         mean, force = np.split(gaussian.least_squares, [len(own.scale)])
-        mean[: own.poses] = 0.0
+        mean[: own.pose_size] = 0.0
         found = []
         for _, white in reversed(passed):
             if hypothesis.force != 'none':
-                mean[own.poses : own.head] -= white.force_impulse(hypothesis.force) @ force
-            mean[own.poses : own.head] -= white.momentum_change @ mean
+                mean[own.pose_size : own.moving] -= white.force_impulse(hypothesis.force) @ force
+            mean[own.pose_size : own.moving] -= white.momentum_change @ mean
             found.append(white.drift + white.transition @ mean)
         return np.array(found[::-1])
 

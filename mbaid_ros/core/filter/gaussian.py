@@ -44,13 +44,15 @@ class BiasSeparatedRoot:
     # (their sum) without a force; then S, the columns of one force after the other
     right: Array
     forces: tuple[Axes, ...] = ()  # axes of these
-    links: int = 0  # l
+    augmented: int = 0  # l
 
     @staticmethod
-    def from_rows(rows: Array, forces: tuple[Axes, ...], links: int = 0) -> BiasSeparatedRoot:
+    def from_rows(rows: Array, forces: tuple[Axes, ...], augmented: int = 0) -> BiasSeparatedRoot:
         """Return that of rows (l + v, l + v + 2 + g): R, and beside it the right-hand sides."""
         size = len(rows)
-        return BiasSeparatedRoot(np.asfortranarray(rows[:, :size]), np.asfortranarray(rows[:, size:]), forces, links)
+        return BiasSeparatedRoot(
+            np.asfortranarray(rows[:, :size]), np.asfortranarray(rows[:, size:]), forces, augmented
+        )
 
     def rows(self, count: int | None = None) -> Array:
         """Return the first `count` rows, or all, (r, l + v + 2 + g)."""
@@ -62,29 +64,29 @@ class BiasSeparatedRoot:
         start = 2 + (self.forces.index(axes) * count if count else 0)
         return slice(start, start + count)
 
-    def with_first(self, first: Array, count: int, links: int = 0) -> BiasSeparatedRoot:
+    def with_first(self, first: Array, count: int, augmented: int = 0) -> BiasSeparatedRoot:
         """Return r rows in place of the first `count`: the first `count` - r variables have been eliminated."""
         gone = count - len(first)
         triangle, right = self.triangle[gone:, gone:].copy(order='F'), self.right[gone:].copy(order='F')
         triangle[: len(first)], right[: len(first)] = first[:, : len(triangle)], first[:, len(triangle) :]
-        return replace(self, triangle=triangle, right=right, links=links)
+        return replace(self, triangle=triangle, right=right, augmented=augmented)
 
     @property
-    def unlinked(self) -> BiasSeparatedRoot:
-        """The same without the numbers that link windows: the rows of the others are their marginal."""
-        return self.with_first(self.rows(0)[:, self.links :], self.links) if self.links else self
+    def marginal(self) -> BiasSeparatedRoot:
+        """The same without the numbers that link windows: their marginal has been taken."""
+        return self.with_first(self.rows(0)[:, self.augmented :], self.augmented) if self.augmented else self
 
-    def linked(self, link: BorderNoise) -> BiasSeparatedRoot:
-        """Return the same before a window that is linked: q comes first, c next, k numbers each.
+    def augmented_by(self, link: BorderNoise) -> BiasSeparatedRoot:
+        """Return the same before a window with noise at its border, augmented: q comes first, c next, k numbers each.
 
         Where no c has been carried to the window, it is as uncertain as a first pose.
         """
         count = link.by_carried.shape[1]
-        size, own = len(self.triangle) - self.links + 2 * count, slice(2 * count - self.links, None)
+        size, own = len(self.triangle) - self.augmented + 2 * count, slice(2 * count - self.augmented, None)
         triangle, right = np.zeros((size, size), order='F'), np.zeros((size, self.right.shape[1]), order='F')
         triangle[range(2 * count), range(2 * count)] = np.repeat((1.0, 1.0 / OPEN_LENGTH), count)
         triangle[own, own], right[own] = self.triangle, self.right
-        return replace(self, triangle=triangle, right=right, links=2 * count)
+        return replace(self, triangle=triangle, right=right, augmented=2 * count)
 
     def updated(self, window: WhitenedWindow) -> tuple[BiasSeparatedRoot, Array, Array]:
         """Return the same after a window's w rows H and values; the shift by their shared noise, and the remainder.
@@ -95,18 +97,18 @@ class BiasSeparatedRoot:
         normalised, each given those after it. So the rows are taken in reverse.
         """
         link, count = window.border_noise, len(window.value)
-        before = self.unlinked if link is None else self.linked(link)
-        own, size, width = slice(before.links, None), len(before.triangle), before.right.shape[1]
+        before = self.marginal if link is None else self.augmented_by(link)
+        own, size, width = slice(before.augmented, None), len(before.triangle), before.right.shape[1]
         if not count:  # LAPACK accepts no empty rows
             return before, np.zeros(size), np.zeros((0, width))
         rows, left = np.zeros((count, size), order='F'), np.zeros((count, width + count), order='F')
         rows[:, own], left[:, 1], left[:, width:] = window.rows[::-1], window.value[::-1], identity(count)
         if link is not None:
-            rows[:, : before.links] = np.concatenate((link.by_noise, link.by_carried), axis=1)[::-1]
+            rows[:, : before.augmented] = np.concatenate((link.by_noise, link.by_carried), axis=1)[::-1]
         triangle, reflectors, factors, _ = dtpqrt(0, min(_BLOCK, size), before.triangle, rows, overwrite_b=True)
         right = np.concatenate((before.right, np.zeros((size, count), order='F')), axis=1)
         right, left, _ = dtpmqrt(0, reflectors, factors, right, left, trans='T', overwrite_a=True, overwrite_b=True)
-        moved = dtrtrs(triangle, np.concatenate((np.zeros(before.links), window.shared)), trans=1)[0]
+        moved = dtrtrs(triangle, np.concatenate((np.zeros(before.augmented), window.shared)), trans=1)[0]
         right[:, 0] += moved
         after = replace(before, triangle=triangle, right=np.asfortranarray(right[:, :width]))
         return after, moved, dgeqrf(np.concatenate((left[:, width:], left[:, :width]), axis=1))[0]
@@ -181,7 +183,7 @@ class SquareRootInformation:
     @property
     def equations(self) -> tuple[Array, Array]:
         """R x = z of variables and force, (n, n) and (n, 2), z as of `BiasSeparatedRoot`; without a force no copies."""
-        shared, size = self.conditional.unlinked, self.size
+        shared, size = self.conditional.marginal, self.size
         if not len(self.force):
             return shared.triangle, shared.right[:, :2]
         triangle, own = np.zeros((size, size), order='F'), len(shared.triangle)
@@ -207,7 +209,7 @@ class SquareRootInformation:
     @property
     def size(self) -> int:
         """Number n of variables, with those of the force."""
-        return len(self.conditional.triangle) - self.conditional.links + len(self.force)
+        return len(self.conditional.triangle) - self.conditional.augmented + len(self.force)
 
     def mean_and_shift(self) -> tuple[Array, Array]:
         """Return the mean (n,), and the part of it that corrects for shared noise (n,).

@@ -195,7 +195,7 @@ def twist_motion(
 def reading_columns(layout: Layout, sensor: str, motion: Motion) -> Array:
     """Return the derivatives (B, r, e) of what a sensor reads by the independent numbers of the readings' unknowns."""
     columns = [np.zeros((*motion.slope.shape, 0))]
-    for unknown in layout.read:
+    for unknown in layout.of_measurement:
         more = unknown.measured(sensor, motion)
         columns.append(np.zeros((*motion.slope.shape, unknown.count)) if more is None else more @ unknown.factor)
     return np.concatenate(columns, axis=-1)
@@ -323,7 +323,7 @@ def _models(
         whole = replace(whole, replaces_twist=integrated)
     of_poses = stack.pose_covariance / stack.samples if layout.odometry else np.full_like(of_joints, np.nan)
     return WindowModel(
-        Measurement(*pose_measurement(errors, change, pose, point.readings), of_poses + ends * of_joints),
+        Measurement(*pose_measurement(errors, change, pose, point.nuisance), of_poses + ends * of_joints),
         rates,
         transition=state_rows(errors[-1], np.zeros_like(pose)),
         drift=errors[-1][..., -1],
@@ -386,7 +386,7 @@ def _rates(
         for part, each in zip(parts, seen, strict=True)
     ]
     measured = rate_measurement(
-        np.concatenate(expected, axis=1), value, np.concatenate(columns, axis=1), point.readings
+        np.concatenate(expected, axis=1), value, np.concatenate(columns, axis=1), point.nuisance
     )
     return Measurement(*measured, covariance), joints, overlap
 
@@ -559,11 +559,11 @@ def whitened_windows(windows: WindowModel, variables: Variables) -> list[Whitene
         all_places = np.concatenate((places, of_rates))
         for index, values_of_window in zip(moving.tolist(), zip(values, both, log_noise, strict=True), strict=True):
             measured[index] = (*values_of_window, all_places)
-    turn = variables.from_state[: variables.poses, POSE]
+    turn = variables.from_state[: variables.pose_size, POSE]
     transition = turn @ variables.rows(windows.transition)
-    head: Array = np.tile(np.eye(variables.head), (len(transition), 1, 1))
-    head[:, : variables.poses] = transition[..., : variables.head]
-    to_momentum = variables.from_state[variables.poses : variables.head, MOMENTUM]
+    head: Array = np.tile(np.eye(variables.moving), (len(transition), 1, 1))
+    head[:, : variables.pose_size] = transition[..., : variables.moving]
+    to_momentum = variables.from_state[variables.pose_size : variables.moving, MOMENTUM]
     return [
         WhitenedWindow(value, rows, float(log_noise), *rest)
         for (value, rows, log_noise), *rest in zip(
@@ -621,7 +621,7 @@ def _alike(value: Array, variables: Variables) -> Iterator[tuple[Integers, Array
     for which in np.unique(known, axis=0):
         rows = np.repeat(which, counts)
         if rows.any():
-            yield np.flatnonzero((known == which).all(axis=1)), select[rows], variables.poses + np.flatnonzero(rows)
+            yield np.flatnonzero((known == which).all(axis=1)), select[rows], variables.pose_size + np.flatnonzero(rows)
 
 
 def _whitened(measurement: Measurement, variables: Variables, select: Array, of_base: Array) -> _White:
@@ -660,7 +660,7 @@ def _momentum_by_force(windows: WindowModel, variables: Variables) -> Array:
     push[..., :3, :3] = push[..., 3:, 3:] = rotation
     push[..., 3:, :3] = skew(point) @ rotation
     force = windows.length[:, None, None, None] * variables.force
-    return np.asarray(variables.from_state[variables.poses : variables.head, MOMENTUM] @ (push @ force))
+    return np.asarray(variables.from_state[variables.pose_size : variables.moving, MOMENTUM] @ (push @ force))
 
 
 class LinearisationCache:

@@ -327,8 +327,8 @@ class MeanAndCovariance:
         if self.gaussian.size == count:
             return np.zeros(6)
         numbers = self.gaussian.mean_and_shift()[0][count:]
-        change = np.broadcast_to(impulse, (variables.head - variables.poses, len(numbers))) @ numbers
-        return np.asarray(variables.to_state[MOMENTUM, variables.poses : variables.head] @ change)
+        change = np.broadcast_to(impulse, (variables.moving - variables.pose_size, len(numbers))) @ numbers
+        return np.asarray(variables.to_state[MOMENTUM, variables.pose_size : variables.moving] @ change)
 
     def covariance(self, rows: Integers) -> Array:
         """Return the covariance (r, r) of some numbers of the state."""
@@ -474,8 +474,8 @@ class Continuation:
     def from_gaussian(gaussian: SquareRootInformation, variables: Variables) -> Continuation:
         """Return that of the Gaussian at the end of a run."""
         root = variables.without_force(new_motion(gaussian, variables).root)
-        rest = slice(variables.head, None)
-        return Continuation(variables.poses < 6, root[rest, rest], gaussian.bias_information)
+        rest = slice(variables.moving, None)
+        return Continuation(variables.pose_size < 6, root[rest, rest], gaussian.bias_information)
 
 
 @dataclass(frozen=True, eq=False)
@@ -555,7 +555,7 @@ def error_budget(
     if declared.target is not None and declared.target.declared:
         given.append(('target prior', distribution.variables.body))
     if declared.linear_momentum > 0.0:
-        given.append(('momentum prior', slice(distribution.variables.poses, distribution.variables.head)))
+        given.append(('momentum prior', slice(distribution.variables.pose_size, distribution.variables.moving)))
     names = (SENSOR_NOISE, *layout.causes, *(name for name, _ in given))
     # Kept with many estimates: without the 150 kB that have been computed from this one.
     fresh, each = replace(distribution), prior_scales.factors

@@ -91,13 +91,13 @@ class LinearisationPoint:
         part = trust_region(held.parameters, step)
         state[layout.parameters] = held.parameters + part * step
         # The next window continues the error chain of the last: at the same readings.
-        state[layout.readings] = held.readings
+        state[layout.nuisance] = held.nuisance
         return LinearisationPoint(layout.point(state), distribution.mean.copy() if part == 1.0 else self.reference)
 
 
 def _known(root: Array, variables: Variables) -> Array:
     """Return the square-root information R of all but pose error, Gauss-Markov processes and a constant force."""
-    first, count = variables.poses, len(variables.scale)
+    first, count = variables.pose_size, len(variables.scale)
     others = np.concatenate((np.arange(count, len(root)), variables.gauss_markov)).astype(int)
     if not others.size:
         return root[first:, first:count]

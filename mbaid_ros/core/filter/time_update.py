@@ -38,14 +38,14 @@ def momentum_change(change: Array, rate_length: float, seconds: float, variables
     """
     change = change * (seconds / rate_length)
     count = len(variables.gauss_markov)
-    steps = np.zeros((variables.head, count))
+    steps = np.zeros((variables.moving, count))
     if not count:
         return MomentumChange(change, steps, np.zeros((len(change), 0)), np.zeros(0))
     of_processes = change[:, variables.gauss_markov]
     half = 0.5 * seconds / variables.time_constants[np.isfinite(variables.time_constants)]
     share = np.tanh(half) / half
     change[:, variables.gauss_markov] = share * of_processes
-    steps[variables.poses :] = 0.5 * share * of_processes
+    steps[variables.pose_size :] = 0.5 * share * of_processes
     noise = of_processes * np.sqrt((1.0 - share) / half)
     return MomentumChange(change, steps, noise, variables.autocorrelation(seconds) * of_processes.any(axis=0))
 
@@ -57,9 +57,9 @@ def advance(
 
     With an integrated twist c goes along (trajectory.md, eq. 10).
     """
-    link = window.border_noise if gaussian.conditional.links else None
-    root = gaussian.conditional if link is not None else gaussian.conditional.unlinked
-    head, columns, count = variables.head, len(variables.scale), root.links // 2
+    link = window.border_noise if gaussian.conditional.augmented else None
+    root = gaussian.conditional if link is not None else gaussian.conditional.marginal
+    head, columns, count = variables.moving, len(variables.scale), root.augmented // 2
     change = momentum_change(window.momentum_change, window.length, window.length, variables)
     rows = root.rows(2 * count + head)
     above, rows = rows[:, : 2 * count], rows[:, 2 * count :]
@@ -80,7 +80,7 @@ def advance(
         walked = _with_random_walk(after.rows(), np.sqrt(window.length) * variables.random_walk, count + columns)
         after = BiasSeparatedRoot.from_rows(walked, root.forces, count)
     if variables.time_constants.size:  # there is no c then
-        change.process_gain[: variables.poses] += window.process_gain
+        change.process_gain[: variables.pose_size] += window.process_gain
         process = variables.autocorrelation(window.length), change.process_gain, window.process_variance
         rows = _gauss_markov_step(after.rows(), variables.gauss_markov, *process)
         after = BiasSeparatedRoot.from_rows(rows, root.forces)
@@ -99,7 +99,7 @@ def _at_next_window(
 
     `forces` are the axes of their constant forces.
     """
-    head, poses, columns = variables.head, variables.poses, len(variables.scale)
+    head, poses, columns = variables.moving, variables.pose_size, len(variables.scale)
     # x_head = A^-1 (x_head' - B x_rest - drift - noise w), put into the rows that know of it.
     back = rows[:, :head] @ window.inverse_transition
     of_poses, of_momentum = back[:, :poses], back[:, poses:]
@@ -143,11 +143,11 @@ def pose_reset(
 
     `change` is that of the momentum since. Gauss-Markov processes that bring none of it are drawn anew.
     """
-    root, poses = gaussian.conditional.unlinked.rows(), variables.poses
+    root, poses = gaussian.conditional.marginal.rows(), variables.pose_size
     root[:poses] = 0.0
     root[:poses, :poses] = variables.prior()[1][:poses, :poses]
     if change is not None:
-        head, own = variables.head, slice(variables.head, len(variables.scale))
+        head, own = variables.moving, slice(variables.moving, len(variables.scale))
         root[:, own] -= root[:, poses:head] @ change.by_variables[:, own]
         if change.noise.any():
             root[:head] = _noise_eliminated(root[:head], root[:head, poses:head] @ change.noise)
@@ -158,7 +158,7 @@ def pose_reset(
 
 def new_motion(gaussian: SquareRootInformation, variables: Variables) -> SquareRootInformation:
     """Return the Gaussian at the beginning of another motion: pose error, momentum and numbers drawn anew."""
-    root, head = gaussian.conditional.unlinked.rows(), variables.head
+    root, head = gaussian.conditional.marginal.rows(), variables.moving
     root[:head] = 0.0
     root[:head, :head] = variables.prior()[1][:head, :head]
     if variables.motion_change.shape[1]:
@@ -187,12 +187,12 @@ def momentum_inflation(
     # It came at any time of the window: for half of it, with a standard deviation of the square root of 1/12.
     change[POSE, :6] = 0.5 * window.pose_error_by_momentum * sizes
     change[POSE, 6:] = np.sqrt(1.0 / 12.0) * window.pose_error_by_momentum * sizes
-    return with_process_noise(gaussian, variables.from_state[: variables.head, :12] @ change)
+    return with_process_noise(gaussian, variables.from_state[: variables.moving, :12] @ change)
 
 
 def with_process_noise(gaussian: SquareRootInformation, noise: Array) -> SquareRootInformation:
     """Return the Gaussian with noise (h, w) added to its first h variables."""
-    root, head = gaussian.conditional.unlinked, len(noise)
+    root, head = gaussian.conditional.marginal, len(noise)
     rows = root.rows(head)
     return replace(gaussian, conditional=root.with_first(_noise_eliminated(rows, rows[:, :head] @ noise), head))
 

@@ -388,13 +388,13 @@ def gains_by_unknowns(layout: Layout, kernel: MomentumKernel, bodies: Bodies, by
     alone = np.tile(np.arange(joints), count)
     added = kernel.kinematics.ancestors.T[alone][..., None] * _of(each.configuration.joint_twist, alone)[:, None]
     twist = np.swapaxes(by_rate, 1, 2).reshape(-1, 1, 6) + added
-    readings, thrust = np.zeros_like(each.readings), np.zeros_like(each.thrust)
+    readings, thrust = np.zeros_like(each.stored), np.zeros_like(each.thrust)
     of_target = twist[:, kernel.target.body]
     motion = replace(
         each,
         body_twist=twist,
         twist=of_target,
-        readings=readings,
+        stored=readings,
         gravity_columns=each.gravity_columns[:, :0],
         thrust=thrust,
     )

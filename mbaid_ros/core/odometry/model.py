@@ -521,7 +521,7 @@ def integrated_twist(
     for weights, rates, size in zip(integral_weights(count), by_readings, sizes, strict=True):
         measured = total(weights[:, None, None] * middle.base_twist[..., ANGULAR_FIRST])
         twist = mean_twist(errors, prediction, point, weights)
-        value, rows = rate_measurement(twist, measured, rates, point.readings)
+        value, rows = rate_measurement(twist, measured, rates, point.nuisance)
         parts.append((size * value, size * rows))
     way, mean = parts
     white = (count * spacing) ** 2 / stack.samples * _white(stack, middle.base_rotation[count // 2], stored)

@@ -210,9 +210,9 @@ class BodyStates:
     rotation: Array
     position: Array
     twist: Array
-    # storage, readings: momentum stored inside bodies, and its readings, (N, c)
+    # storage, stored: momentum stored inside bodies, and its readings, (N, c)
     storage: Storage
-    readings: Array
+    stored: Array
     # (N, n + 1, 6, 10) derivatives of the change of (P, L_b) by an orbit, by each body's standard parameters in its own
     # frame; (N, 0, 6, 10) without one
     gravity_columns: Array
@@ -227,7 +227,7 @@ class BodyStates:
             'rotation',
             'position',
             'twist',
-            'readings',
+            'stored',
             'gravity_columns',
             'thrust',
         )
@@ -238,7 +238,7 @@ class BodyStates:
         """(P, L) of each known body, with the momentum stored in it, (N, n + 1, 6)."""
         momenta = momentum(self.known, self.body_twist)
         if self.storage.count:
-            momenta[..., 3:] += self.storage.momenta(self.configuration.rotation, self.readings)
+            momenta[..., 3:] += self.storage.momenta(self.configuration.rotation, self.stored)
         return momenta
 
     @property
@@ -366,7 +366,7 @@ class MomentumKernel:
             position=position,
             twist=body_twist[:, self.target.body],
             storage=self.storage,
-            readings=np.zeros((count, self.storage.count)) if readings is None else readings,
+            stored=np.zeros((count, self.storage.count)) if readings is None else readings,
             gravity_columns=np.zeros((count, 0, 6, 10)),
             thrust=np.zeros((count, 0, 6, THRUSTER_ERRORS)),
         )

@@ -98,13 +98,13 @@ def test_another_body_is_unknown_and_the_same_one_keeps_mass_and_momentum(exchan
 def test_windows_are_predicted_by_the_momentum_at_their_own_time(force: str) -> None:
     """The state after the last window, less the momentum that a force and the unknowns have brought since."""
     space = PASSES.variables
-    count, own = len(space.scale), slice(space.poses, space.head)
+    count, own = len(space.scale), slice(space.pose_size, space.moving)
     rng = np.random.default_rng(3)
     windows: list[Any] = []
     pushes = rng.normal(size=(4, 6, 6))
     for push in pushes:
         brought = rng.normal(size=(6, count))
-        brought[:, : space.head] = 0.0  # depends on body and unknowns alone
+        brought[:, : space.moving] = 0.0  # depends on body and unknowns alone
         windows.append(
             SimpleNamespace(
                 transition=rng.normal(size=(6, count)),
@@ -115,13 +115,13 @@ def test_windows_are_predicted_by_the_momentum_at_their_own_time(force: str) -> 
         )
     mean, acting = generic(4, count), generic(5, 6)
     after, expected = mean.copy(), []
-    after[: space.poses] = 0.0
+    after[: space.pose_size] = 0.0
     for white in windows:
         expected.append(white.drift + white.transition @ after)
         push = white.force_impulse('body') @ acting if force == 'body' else 0.0
         after[own] = after[own] + white.momentum_change @ after + push
     gaussian: Any = SimpleNamespace(least_squares=np.concatenate((after, acting if force == 'body' else np.zeros(0))))
-    gaussian.least_squares[: space.poses] = 7.0  # the pose error is another one in each window
+    gaussian.least_squares[: space.pose_size] = 7.0  # the pose error is another one in each window
     hypothesis = Hypothesis('pushed', force='body') if force == 'body' else UNDISTURBED
     found = PASSES.unpredicted([(None, white) for white in windows], gaussian, hypothesis)  # type: ignore[misc]
     assert found == pytest.approx(np.array(expected))

@@ -51,12 +51,12 @@ def measured(gaussian: SquareRootInformation, seed: int, truth: Array) -> tuple[
 
 def blocks(layout: Layout, filter_variables: Variables, *, given: bool) -> dict[str, Flags]:
     """Return of each cause which variables have its prior."""
-    place, head, own = np.arange(len(filter_variables.scale)), filter_variables.head, filter_variables.first_unknown
+    place, head, own = np.arange(len(filter_variables.scale)), filter_variables.moving, filter_variables.first_unknown
     labels = [cause for unknown in layout.unknowns for cause in unknown.causes]
     found = {cause: np.isin(place - own, np.flatnonzero(np.array(labels) == cause)) for cause in layout.causes}
     if given:
         found['target prior'] = (place >= head) & (place < own)
-        found['momentum prior'] = (place >= filter_variables.poses) & (place < head)
+        found['momentum prior'] = (place >= filter_variables.pose_size) & (place < head)
     return found
 
 

@@ -89,12 +89,12 @@ def test_the_momentum_changes_over_a_gap() -> None:
     space = variables(rng)
     white = prepare(window(rng), space)
     gaussian = update(SquareRootInformation.prior(space), white)
-    rest = len(space.scale) - space.head
-    brought = np.concatenate((np.zeros((6, space.head)), rng.normal(size=(6, rest))), axis=1)
+    rest = len(space.scale) - space.moving
+    brought = np.concatenate((np.zeros((6, space.moving)), rng.normal(size=(6, rest))), axis=1)
     change = momentum_change(brought, 1.0, 1.0, space)
     still, after = (pose_reset(gaussian, space, each) for each in (None, change))
     expected = np.eye(len(space.scale))
-    expected[space.poses : space.head] += brought
+    expected[space.pose_size : space.moving] += brought
     assert after.mean_and_shift()[0] == pytest.approx(expected @ still.mean_and_shift()[0], rel=1e-9, abs=1e-9)
     assert after.factor @ after.factor.T == pytest.approx(
         expected @ still.factor @ still.factor.T @ expected.T, rel=1e-8, abs=1e-8
@@ -108,15 +108,15 @@ def test_a_process_pushes_over_a_gap_as_its_course_does(seconds: float) -> None:
     space = replace(variables(rng), time_constants=np.append(np.full(UNKNOWNS - 1, np.inf), time))
     white = prepare(window(rng), space)
     gaussian = update(SquareRootInformation.prior(space), white)
-    brought = np.zeros((space.poses, len(space.scale)))
-    brought[:, -1] = rng.normal(size=space.poses)  # a second
+    brought = np.zeros((space.pose_size, len(space.scale)))
+    brought[:, -1] = rng.normal(size=space.pose_size)  # a second
     after = pose_reset(gaussian, space, momentum_change(brought, 1.0, seconds, space))
     # In many small steps, each of a constant and of noise at its end.
-    count, own = 4000, space.poses
+    count, own = 4000, space.pose_size
     step = seconds / count
     kept = np.exp(-step / time)
     through = np.eye(len(space.scale))
-    through[own : space.head, -1] = step * brought[:, -1]
+    through[own : space.moving, -1] = step * brought[:, -1]
     through[-1, -1] = kept
     still = pose_reset(gaussian, replace(space, time_constants=np.zeros(0))).factor
     still = still @ still.T
