@@ -31,6 +31,7 @@ EXACT = {
     'known_joints.axis_std': 0.0,
     'odometry_mount.position_std': 0.0,
     'odometry_mount.orientation_std': 0.0,
+    'odometry.scale_std': 0.0,
     'odometry.angular_velocity_bias_std': 0.0,
     'time_offset.drift_std': 0.0,
     'orbit.undeclared_rate': 0.0,

@@ -18,7 +18,7 @@ from mbaid_ros.core.robot.momentum import BodyStates, MomentumKernel
 from mbaid_ros.core.samples import Samples, Stamps
 from mbaid_ros.core.windows import Knots, Midpoints, Window, at_the_base, midpoints, with_joints_later
 
-_LARGEST_SIZE = 10.0  # that is tried (trajectory.md, eq. 8): beyond it, how many times is not known
+_LARGEST_SIZE = 100.0  # that is tried (trajectory.md, eq. 8): beyond it, how many times is not known
 CLEAR = 4.0  # standard deviations, from which a delay is one: joints are moved in time at the price of noise in them
 STACK = 10  # windows linearised at a time: one piece of work, of some milliseconds
 # Where a constant force and torque acts, and in which axes.
@@ -416,7 +416,7 @@ def underestimated_text(cause: str, size: float) -> str:
     """Return that a thing, 'link:arm', or all of a kind, 'link', is `size` times as far off as declared."""
     words, name = _words_of(cause)
     parameter = words.parameter or 'its standard deviation'
-    times = f'{size:.1f}' if size < 0.95 * _LARGEST_SIZE else f'{_LARGEST_SIZE:g} or more'
+    times = f'{size:.{1 if size < 10.0 else 0}f}' if size < 0.95 * _LARGEST_SIZE else f'{_LARGEST_SIZE:g} or more'
     return (
         f'{kind_in_words(cause)} {"looks" if name else "look"} {times} times as far off as declared: intervals allow '
         f'for that; raise {parameter}'

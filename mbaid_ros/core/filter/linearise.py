@@ -201,6 +201,16 @@ def reading_columns(layout: Layout, sensor: str, motion: Motion) -> Array:
     return np.concatenate(columns, axis=-1)
 
 
+def _position_noise(layout: Layout, motion: Motion, covariance: Array) -> Array:
+    """Return the covariance (B, 6, 6, r) of the noise of poses, (B, 6, 6) each, with that of their columns.
+
+    Columns are linear in the position that is read.
+    """
+    corners = np.broadcast_to(np.eye(4, 3)[:, None], (4, len(covariance), 3))  # a metre along each axis, and the origin
+    columns = np.stack([reading_columns(layout, 'pose', replace(motion, position=corner)) for corner in corners])
+    return np.asarray(np.einsum('bik,kbjr->bijr', covariance[..., 3:], columns[:3] - columns[3]))
+
+
 @dataclass(frozen=True)
 class WindowModel(ArrayRecord):
     """Windows, linear in the state x at their first knots: measurements, and the transition to the next window.
@@ -227,9 +237,13 @@ class WindowModel(ArrayRecord):
     integrated: IntegratedTwist  # it takes the place of the twist where it counts
     # (r, r) by how much more than the twist's alone two numbers share that variance; (0, 0) where all are of the twist
     joint_overlap: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    # (6, 6, r) covariance of the noise of the pose with that of its columns; (6, 6, 0) without
+    position_noise: Array = field(default_factory=lambda: np.zeros((6, 6, 0)))
 
     def __post_init__(self) -> None:
-        """Fill in the default."""
+        """Fill in the defaults."""
+        if self.position_noise.ndim == 3 and self.length.ndim:
+            object.__setattr__(self, 'position_noise', np.zeros((*self.length.shape, 6, 6, 0)))
         if self.joint_overlap.shape[: self.length.ndim] != self.length.shape:
             object.__setattr__(self, 'joint_overlap', np.zeros((*self.length.shape, 0, 0)))
 
@@ -310,7 +324,8 @@ def _models(
     # The change of the pose has the joints' errors of two knots, independent of the others.
     ends = np.where(integrated[:, None], 1.0, 1.0 - 2.0 * change + 2.0 * len(middle) * change**2)[..., None]
     moving = twist_motion(stack, predicted, (around, inside), slope)
-    pose = reading_columns(layout, 'pose', replace(moving, slope=moving.twist, rate=np.zeros_like(moving.twist)))
+    seen = replace(moving, slope=moving.twist, rate=np.zeros_like(moving.twist))
+    pose = reading_columns(layout, 'pose', seen)
     course = Course(stack, around, inside, prediction.twist, slope, placed, stack.corrected(point.nominal))
     mean = mean_twist(errors, prediction, point, parabolic)
     rates, in_rates, overlap = _rates(layout, course, moving, (mean, errors), noise, point)
@@ -336,6 +351,7 @@ def _models(
         centre=centre,
         momentum_change=impulses,
         thrust_noise=_thrust_noise(stack, around, inside),
+        position_noise=_position_noise(layout, seen, np.nan_to_num(of_poses)),
         body=np.tile(point.body, (len(stack.windows), 1)),
         integrated=whole,
         joint_overlap=overlap,
@@ -572,7 +588,7 @@ def whitened_windows(windows: WindowModel, variables: Variables) -> list[Whitene
             (turn @ windows.drift[..., None])[..., 0],
             turn @ windows.noise.process,
             np.linalg.inv(head),
-            _shared(weighed, windows.noise.by_unknowns, variables),
+            _shared(weighed, windows.noise.by_unknowns, (pose.precision, windows.position_noise), variables),
             errors_in_variables_bias(precision, windows.noise.by_unknowns, windows.body, variables),
             windows.transition[..., MOMENTUM],
             to_momentum @ variables.rows(windows.momentum_change),
@@ -638,12 +654,20 @@ def _whitened(measurement: Measurement, variables: Variables, select: Array, of_
     )
 
 
-def _shared(weighed: Array, slope: Array, variables: Variables) -> Array:
-    """Return the (B, v) mean score by the joints' noise in values (B, 6, n) and in rows (B, 6, 10 + e, n)."""
+def _shared(weighed: Array, slope: Array, of_poses: tuple[Array, Array], variables: Variables) -> Array:
+    """Return the (B, v) mean score by the noise that values and rows share.
+
+    That of the joints is in poses (B, 6, n) and in rows (B, 6, 10 + e, n). Of poses, the precision (B, 6, 6) and the
+    covariance (B, 6, 6, r) of their noise with that of their columns, which counts with the other sign: values have the
+    negative of what joints do to a pose. A scale has the positions read as its column: noise makes it seem larger.
+    """
     windows, _, numbers, _ = slope.shape
+    precision, covariance = of_poses
     by_number = slope.transpose(0, 2, 1, 3).reshape(windows, numbers, -1)
     score = np.zeros((windows, 1, len(variables.basis)))
     score[:, 0, BODY.start : BODY.start + numbers] = (by_number @ weighed.reshape(windows, -1, 1))[..., 0]
+    if covariance.shape[-1]:
+        score[:, 0, -covariance.shape[-1] :] -= np.einsum('bij,bijr->br', precision, covariance)
     return variables.rows(score)[:, 0]
 
 

@@ -31,7 +31,7 @@ _SURE = 0.9  # probability that something is further off than declared, from whi
 _FACTORS = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 # Times a standard deviation, among which the likeliest is looked for: finer than for causes, as intervals depend on
 # it.
-_SIZES = (1.25, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0)
+_SIZES = (1.25, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 16.0, 25.0, 40.0, 63.0, 100.0)
 # Of the prior's variance, which data have to take off a direction for it to be seen: quotients of less are rounding.
 _SEEN = 0.01
 FIRST = LINEAR.start  # after the pose error, which each motion draws anew

@@ -74,8 +74,9 @@ class OdometryConfig:
     turning_std: float = parameter(0.0, 'rad/s', minimum=0.0, maximum=0.01)
     """Standard deviation of the angular velocity of the odometry's frame about each axis, as of one that turns with an
     orbit which orbit.* do not declare; 0: it does not turn."""
-    scale_std: float = parameter(0.0, minimum=0.0, maximum=0.1)
-    """Relative standard deviation of the odometry's length scale, as from the baseline of a stereo camera; 0: exact."""
+    scale_std: float = parameter(0.001, minimum=0.0, maximum=0.1)
+    """Relative standard deviation of the odometry's length scale, as from a calibration by a wand; a stereo camera has
+    .01; 0: exact."""
     angular_velocity_bias_std: float = parameter(1e-4, 'rad/s', minimum=0.0)
     """Standard deviation of the bias of the odometry's angular velocity about each axis of the base, if a gyro measures
     it: 10 deg/h are 5e-5 rad/s; 0: exact."""
@@ -204,6 +205,8 @@ class OdometryScale(Linear):
 
     words: ClassVar = {
         SCALE: Words(
+            every='the lengths of the odometry (their scale)',
+            parameter='odometry.scale_std',
             remedy='the scale of the odometry: calibrate it (odometry.scale_std)',
             deviation=lambda _, value: (
                 f'the scale of the odometry is off: lengths {1e2 * np.sum(value):+.2g} % too long; calibrate it, or '

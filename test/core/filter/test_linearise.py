@@ -16,6 +16,7 @@ from mbaid_ros.core.contracts import Stack
 from mbaid_ros.core.filter.linearise import predict
 from mbaid_ros.core.geometry import Array, exp, rotate
 from mbaid_ros.core.joints.model import joint_gains
+from mbaid_ros.core.odometry.model import odometry_scale
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.state import POSE, Layout, Point
 from mbaid_ros.core.windows import BEFORE, Knots, midpoints
@@ -179,6 +180,32 @@ def test_covariances_are_those_of_the_joints_noise(robot: Layout, exact: Samples
         ratio = np.diag(noise.covariance[part, part]) / np.diag(claimed)
         # One gain stands for the window's, and the fourth-order formulas stir the noise a little.
         assert np.all((ratio > 0.8) & (ratio < 1.35))
+
+
+def test_poses_share_their_noise_with_the_column_of_a_scale(exact: Samples, point: Array) -> None:
+    size, layout = 1e-3, Layout.from_unknowns(kernel('servicer7'), (odometry_scale(1.0),))
+    window = window_of(exact, 0.05)
+    window = replace(window, noise=replace(window.noise, pose=size**2 * np.eye(6)))
+    inside, shared = window.inside, np.zeros((6, 6))
+    of_knot = size / np.sqrt(window.noise.samples * window.spacing / LENGTH)
+
+    def read(error: Array) -> tuple[Array, Array]:
+        """Return the pose's value and the scale's column; the chain begins displaced by the first knot's error."""
+        knots = replace(window.knots, base_position=window.knots.base_position + error)
+        model = window_model(layout, replace(window, knots=knots), layout.point(state(point)))
+        displaced = np.concatenate((np.zeros(3), -error[inside.start]))
+        return residuals(model, state(point, displaced))[0], model.pose.rows[:, -1]
+
+    before = read(np.zeros_like(window.knots.base_position))
+    for knot in range(len(window.knots.base_position)):
+        error = np.zeros_like(window.knots.base_position)
+        error[knot] = of_knot * np.array([1.0, -1.0, 1.0])
+        by_value, by_column = (after - value for after, value in zip(read(error), before, strict=True))
+        shared += np.outer(by_value, by_column)
+    claimed = window_model(layout, window, layout.point(state(point))).position_noise[..., 0]
+    assert claimed[3:, 3:] == pytest.approx(size**2 / window.noise.samples * np.eye(3), rel=1e-12)
+    # The column is read midway between knots.
+    assert np.diagonal(shared) == pytest.approx(np.diagonal(claimed), abs=0.1 * claimed.max())
 
 
 def test_what_accumulates_of_the_joints_noise(robot: Layout, exact: Samples, point: Array) -> None:
