@@ -525,6 +525,7 @@ class Session:
         frame = '' if robot.marker is not None else self.config.frame_prefix + robot.model.base_link
         self.base_source = BaseSource(frame, self.config.pose.tf_child_frame, needed=self.config.by_odometry)
         self.restarts: list[str] = []
+        self._blamed = ''  # the first cause of the latest contradiction
         self.restarted = 0
         self._earlier: Counter[str] = Counter()  # dropped in earlier segments
         self._replaced_earlier: Counter[str] = Counter()
@@ -634,7 +635,7 @@ class Session:
         try:
             return self._segment.identifier.estimator.tasks.run_slice()
         except UNSOLVABLE as error:
-            self._start_again(_unsolved(error))
+            self._start_again(self._unsolved(error))
             return False
 
     def capture(self) -> str:
@@ -752,8 +753,9 @@ class Session:
         try:
             estimates = self._recording.next()(self._segment)
         except UNSOLVABLE as error:
-            self._start_again(_unsolved(error))
+            self._start_again(self._unsolved(error))
             return []
+        self._blamed = next((cause for each in estimates[::-1] for cause, _ in each.likely_causes), self._blamed)
         if not self._repairs_wanted:
             return estimates
         for estimate in estimates:
@@ -767,6 +769,11 @@ class Session:
         found = [each for each in found if not new_only or each.stamp > self._latest]
         self._latest = max([self._latest, *(each.stamp for each in found)])
         return found
+
+    def _unsolved(self, error: Exception) -> str:
+        """Return why a run has come to its end, with what contradicted it: that is wrong for the next one as well."""
+        before = f'; likeliest before: {self._blamed}' if self._blamed else ''
+        return f'the equations could not be solved ({error}){before}'
 
     def _repair(self, repair: Repair) -> bool:
         """Start the run again with one more repair; return whether its parameters can be used."""
@@ -804,7 +811,3 @@ def _add_stored_momentum(segment: Segment, sample: tuple[str, int, Array]) -> li
 def _add_target_pose(segment: Segment, message: Any) -> list[Estimate]:
     segment.track.add(message)
     return []
-
-
-def _unsolved(error: Exception) -> str:
-    return f'the equations could not be solved ({error})'

@@ -17,7 +17,7 @@ from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.clocks import ClockDrift, TimeOffset
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.links import KnownLinksConfig
-from mbaid_ros.core.odometry.model import TwistBias
+from mbaid_ros.core.odometry.model import OdometryScale, TwistBias
 from mbaid_ros.core.orbit import Gravity
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import PlaneDetector
@@ -100,8 +100,8 @@ def test_the_filter_starts_from_all_of_it_with_every_correlation(tmp_path: Path)
     known = nominal_model(config_of(path), ROBOT)
     unknowns, carried = known.declared.unknowns, known.declared.joint_prior
     assert carried is not None
-    parts, sensing = unknowns[:-4], unknowns[-4:]
-    assert [type(each) for each in sensing] == [TimeOffset, ClockDrift, TwistBias, Gravity]
+    parts, sensing = unknowns[:-5], unknowns[-5:]
+    assert [type(each) for each in sensing] == [TimeOffset, ClockDrift, OdometryScale, TwistBias, Gravity]
     spread = block_diag(*(part.factor for part in parts))
     own = np.delete(np.arange(SIZE), np.arange(70, 80))
     size = np.sqrt(np.diag(matrix()))[own]

@@ -164,6 +164,9 @@ def test_an_estimate_comes_with_the_message_that_completes_its_window(stream: st
 FAILS_AT, MANY_SECONDS = 4.0, 12.0  # s
 
 
+CAUSE = 'the positions are in millimetres'
+
+
 class Failing(Method):
     """A method that fails once."""
 
@@ -196,7 +199,16 @@ class FailingLater(Failing):
             raise self._failures.pop()
 
 
-@pytest.mark.parametrize('kind', [Failing, FailingLater])
+class Contradicted(Failing):
+    """A method that contradicts its model, with a cause, before it fails."""
+
+    def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
+        """Contradict the model until it fails."""
+        found = super().update(windows, origin)
+        return [replace(each, status='inconsistent', causes=((CAUSE, 30.0),)) for each in found]
+
+
+@pytest.mark.parametrize('kind', [Failing, FailingLater, Contradicted])
 @pytest.mark.parametrize('failure', [np.linalg.LinAlgError('Singular matrix'), FloatingPointError('not positive')])
 def test_a_run_that_cannot_be_solved_starts_again(failure: Exception, kind: type[Failing]) -> None:
     failures = [failure]
@@ -211,7 +223,8 @@ def test_a_run_that_cannot_be_solved_starts_again(failure: Exception, kind: type
         if add(timed.message):
             estimates += session.process()
             session.run_slice()
-    reason = f'the equations could not be solved ({failure}); started again'
+    before = f'; likeliest before: {CAUSE}' if kind is Contradicted else ''
+    reason = f'the equations could not be solved ({failure}){before}; started again'
     assert session.restarts == [reason]
     times = np.array([estimate.time for estimate in estimates])
     again = int(np.argmin(np.diff(times))) + 1
