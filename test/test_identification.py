@@ -73,8 +73,7 @@ def parameters(robot: str) -> dict[str, object]:
     'bag',
     [
         'ets7_pose_only',
-        'table1_live',
-        *(pytest.param(f'servicer7_{noise}', marks=pytest.mark.long) for noise in ('clean', 'mid')),
+        *(pytest.param(each, marks=pytest.mark.long) for each in ('table1_live', 'servicer7_clean', 'servicer7_mid')),
     ],
 )
 def test_the_numbers_are_those_of_replay_to_the_bit(bag: str) -> None:

@@ -7,7 +7,7 @@ import pytest
 import fuzz_files
 
 
-@pytest.mark.parametrize('inputs', [8, pytest.param(40, marks=pytest.mark.long)])
+@pytest.mark.parametrize('inputs', [5, pytest.param(40, marks=pytest.mark.long)])
 def test_damaged_files_end_with_an_exit_code_and_a_line(inputs: int) -> None:
     outcome = fuzz_files.fuzz(inputs, 2)
     assert len(outcome) == 12

@@ -50,7 +50,10 @@ def test_the_true_cause_is_named_first(condition: str, seconds: float, monkeypat
 
 
 @pytest.mark.parametrize('seed', [0, *(pytest.param(seed, marks=LONG) for seed in (3, 5))])
-def test_intervals_hold_with_one_link_ten_times_further_off_than_declared(seed: int) -> None:
+def test_intervals_hold_with_one_link_ten_times_further_off_than_declared(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shorten(monkeypatch, "a link's mass 10 % off", 18.0)
     reported = run(("a link's mass 10 % off", 'trajectory'), seed)
     assert reported.status == 'estimating'
     assert np.mean(np.abs(reported.error) < 1.96 * reported.std) >= 0.9
@@ -100,7 +103,10 @@ def test_a_twist_that_contradicts_the_poses_is_left_out(
         *(pytest.param(each, marks=LONG) for each in ('sinusoids of the shipped robot', 'gyro bias of 10 deg/h')),
     ],
 )
-def test_where_nothing_is_wrong_that_is_no_unknown_nothing_is_named(condition: str) -> None:
+def test_where_nothing_is_wrong_that_is_no_unknown_nothing_is_named(
+    condition: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shorten(monkeypatch, condition, 16.0)
     reported = run((condition, 'trajectory'), 0)
     assert reported.status in {'estimating', 'converged'}
     assert reported.causes == ''

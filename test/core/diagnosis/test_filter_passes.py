@@ -11,7 +11,7 @@ import pytest
 
 from checked import generic
 from mbaid_ros.core.contracts import UNDISTURBED, Hypothesis
-from mbaid_ros.core.diagnosis.passes import FilterPasses
+from mbaid_ros.core.diagnosis.passes import FilterPasses, estimated_repair
 from mbaid_ros.core.filter.gaussian import SquareRootInformation
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.odometry.model import odometry_mount, odometry_scale, twist_bias
@@ -57,6 +57,29 @@ def test_the_value_of_a_cause_is_in_its_own_units() -> None:
     assert PASSES.value(gaussian, UNKNOWNS[1].labels[0]) == pytest.approx(own[6:7] * 1e-2)
     assert PASSES.value(gaussian, UNKNOWNS[2].labels[0]) == pytest.approx(own[7:] * 1e-4)
     assert len(PASSES.value(gaussian, 'nothing')) == 0
+
+
+@pytest.mark.parametrize('wider', [1.0, 3.0, 100.0])
+def test_a_repair_takes_a_cause_into_account_as_a_wider_prior_would_see_it(wider: float) -> None:
+    """The same measurements under a prior of the mount that is so many times wider."""
+    gaussian = measured(1)
+    values, covariance = MeanAndCovariance.from_gaussian(gaussian, PASSES.variables).unknowns(LAYOUT)
+    own = np.flatnonzero(np.array(LAYOUT.cause_of) == 'mount')
+    left = covariance[np.ix_(own, own)]
+    widened = np.linalg.inv(np.linalg.inv(left) - (1.0 - wider**-2) * np.eye(len(own)))
+    units = np.repeat([2e-3, 1e-3], 3)
+    mean, std = units * (widened @ np.linalg.solve(left, values[own])), units * np.sqrt(np.diag(widened))
+    distribution = MeanAndCovariance.from_gaussian(gaussian, PASSES.variables)
+    found, expected = (
+        estimated_repair(distribution, LAYOUT, 'mount', wider),
+        UNKNOWNS[0].repair('mount', mean, std, SERVICER),
+    )
+    assert found is not None
+    assert expected is not None
+    assert found.value == pytest.approx(expected.value)
+    assert found.std == pytest.approx(expected.std)
+    assert (found.cause, found.parameters) == (expected.cause, expected.parameters)
+    assert estimated_repair(distribution, LAYOUT, 'nothing', wider) is None
 
 
 def test_gains_are_those_of_a_wider_prior() -> None:

@@ -208,7 +208,7 @@ def test_an_unbalanced_wheel_determines_the_mass_of_its_base_as_far_as_it_is_unb
 
 
 def test_windows_linearised_at_different_points_do_not_tell_what_none_of_them_sees() -> None:
-    estimate = last(0.01, target_prior__mass=MASS + MASS_STD, target_prior__mass_std=MASS_STD)
+    estimate = last(0.01, 30.0, target_prior__mass=MASS + MASS_STD, target_prior__mass_std=MASS_STD)
     assert np.all(np.abs(estimate.parameters - BASE) < 3.0 * estimate.std)
     # The CoM is known in the odometry's frame, which may be this far from the base's.
     assert np.all(estimate.std[1:4] > 0.9 * MOUNT)

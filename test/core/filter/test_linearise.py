@@ -14,9 +14,10 @@ from floating import true_momentum
 from mbaid_ros.core.clocks import time_offset
 from mbaid_ros.core.contracts import Stack
 from mbaid_ros.core.filter.linearise import predict
-from mbaid_ros.core.geometry import Array, exp, rotate
+from mbaid_ros.core.geometry import Array, exp, log, rotate
 from mbaid_ros.core.joints.model import joint_gains
 from mbaid_ros.core.odometry.model import odometry_scale
+from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.state import POSE, Layout, Point
 from mbaid_ros.core.windows import BEFORE, Knots, midpoints
@@ -82,6 +83,23 @@ def test_parameters_act_as_the_rows_say(robot: Layout, exact: Samples, point: Ar
     # The rows leave out the fourth-order corrections: a part in a thousand of the motion within an interval.
     for group in (slice(0, 6), slice(6, 12), slice(12, 18)):
         assert rows[group] == pytest.approx(expected[group], abs=2e-4 * np.abs(expected[group]).max())
+
+
+def test_a_window_ends_with_the_base_and_the_centre_of_mass_where_they_are_then(
+    robot: Layout, exact: Samples, point: Array
+) -> None:
+    window = window_of(exact, 0.05)
+    model = window_model(robot, window, at(robot, point))
+    # At the first knot of the next window, between two samples; the centre of mass half an interval before.
+    end = window.start + window.length
+    then = exact[np.searchsorted(exact.time, np.array([end + 0.02, end + 0.03, end]) - 1e-6)]
+    states = robot.kernel.states(then)
+    bodies = robot.kernel.body_parameters(robot.kernel.target.parameters)
+    placed = states.configuration
+    whole = np.sum(express(bodies, placed.rotation, then.base_position[:, None] + placed.position), axis=1)
+    assert np.mean(log(then.base_rotation[:2] @ model.rotation.T), axis=0) == pytest.approx(np.zeros(3), abs=1e-5)
+    assert model.position == pytest.approx(np.mean(then.base_position[:2], axis=0), abs=1e-5)
+    assert model.centre == pytest.approx(whole[2, 1:4] / whole[2, 0], abs=1e-5)
 
 
 @pytest.mark.parametrize('axis', range(6))

@@ -208,7 +208,7 @@ def section(text: str) -> ET.Element:
 
 def test_a_robot_known_as_well_as_by_default_is_limited_by_that_and_no_warning_says_so() -> None:
     config = build(EstimatorConfig, {'target_link': 'link7', 'method': 'trajectory'})
-    made = replay_bag(str(ROOT / 'bags' / 'servicer7_mid'), config, robot('servicer7').urdf, Inputs())
+    made = replay_bag(str(ROOT / 'bags' / 'servicer7_mid'), config, robot('servicer7').urdf, Inputs(end=30.0))
     last = made.final
     assert last.budget is not None
     assert last.stage == 'trajectory'
