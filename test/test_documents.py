@@ -157,6 +157,7 @@ def test_the_pages_stay_short() -> None:
     apart = [ROOT / 'docs' / 'measured', ROOT / 'docs' / 'api', REFERENCE / 'thresholds.md', ROOT / 'bags']
     pages = [page for page in DOCUMENTS if not any(page.is_relative_to(folder) for folder in apart)]
     assert sum(len(generated.sub('', page.read_text(encoding='utf-8')).encode()) for page in pages) <= 220_000
+    assert len((ROOT / 'docs' / 'explanation' / 'architecture.md').read_bytes()) <= 10_000
     for page in (ROOT / 'docs' / 'measured').glob('*.md'):
         tables = re.findall(r'(?:^\|.*\n)+', page.read_text(encoding='utf-8'), re.MULTILINE)
         assert max([0, *(len(table.splitlines()) - 2 for table in tables)]) <= 40, page

@@ -103,22 +103,22 @@ def update_bank(
     unlikely without.
     """
     groups: dict[tuple[int, float, float], list[int]] = {}
-    for place, each in enumerate(bank):
-        key = id(each.gaussian.conditional), each.hypothesis.momentum, each.hypothesis.position
-        groups.setdefault(key, []).append(place)
+    for index, filtered in enumerate(bank):
+        key = id(filtered.gaussian.conditional), filtered.hypothesis.momentum, filtered.hypothesis.position
+        groups.setdefault(key, []).append(index)
     after = list(bank)
-    for places in groups.values():
-        group = [bank[place] for place in places]
+    for indices in groups.values():
+        group = [bank[index] for index in indices]
         before = at_window_start(group[0].gaussian, window, white, variables)
-        found = update_together(before, [each.gaussian for each in group], white)
+        found = update_together(before, [filtered.gaussian for filtered in group], white)
         jumped = _with_jumps(group, found, before, window, white, variables)
         steps: dict[int, SquareRootInformation] = {}  # to the next knot, by the root that hypotheses share by now
-        for place, each, usual in zip(places, group, found, strict=True):
-            updated = jumped[each] if each in jumped else each.updated(before, usual)
+        for index, filtered, usual in zip(indices, group, found, strict=True):
+            updated = jumped[filtered] if filtered in jumped else filtered.updated(before, usual)
             root = id(updated.gaussian.conditional)
             if advancing and root not in steps:
                 steps[root] = advance(updated.gaussian, white, variables, updated.hypothesis)
-            after[place] = updated.advanced(steps[root], white) if advancing else updated
+            after[index] = updated.advanced(steps[root], white) if advancing else updated
     return tuple(after)
 
 
@@ -136,23 +136,25 @@ def _with_jumps(
     """
     limit = chi_square_limit(_FALSE_ALARM, len(white.value))
     jumping = {
-        each: usual
-        for each, usual in zip(group, found, strict=True)
-        if usual.last_nis > limit and usual.measured > usual.last_measured and each.jump_length != each.longest_jump
+        filtered: usual
+        for filtered, usual in zip(group, found, strict=True)
+        if usual.last_nis > limit
+        and usual.measured > usual.last_measured
+        and filtered.jump_length != filtered.longest_jump
     }
     if not jumping:
         return {}
     loose = momentum_inflation(before, white, variables, _JUMP * variables.typical_momentum)
-    jumped = dict(zip(jumping, update_together(loose, [each.gaussian for each in jumping], white), strict=True))
-    broken = [each for each in jumping if jumped[each].last_nis > limit]
+    jumped = dict(zip(jumping, update_together(loose, [filtered.gaussian for filtered in jumping], white), strict=True))
+    broken = [filtered for filtered in jumping if jumped[filtered].last_nis > limit]
     if broken:  # more than a jump of the momentum: of the pose error, too
         reset = pose_reset(loose, variables)
-        jumped |= zip(broken, update_together(reset, [each.gaussian for each in broken], white), strict=True)
+        jumped |= zip(broken, update_together(reset, [filtered.gaussian for filtered in broken], white), strict=True)
     return {
-        each: each.jumped_in(
-            window, before, replace(jumped[each], log_likelihood=rare_event_likelihood(usual)), variables
+        filtered: filtered.jumped_in(
+            window, before, replace(jumped[filtered], log_likelihood=rare_event_likelihood(usual)), variables
         )
-        for each, usual in jumping.items()
+        for filtered, usual in jumping.items()
     }
 
 
