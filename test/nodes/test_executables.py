@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
+from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -41,15 +42,19 @@ def given(*texts: str) -> list[str]:
     return ['--ros-args', *options(*texts)]
 
 
-def test_every_executable_is_installed_and_an_unknown_argument_is_one_line() -> None:
-    """All at once: test_cli.py has their help."""
-    pipe = subprocess.PIPE
-    started = {
-        name: subprocess.Popen([executable(name), '--colour'], stdout=pipe, stderr=pipe, text=True) for name in NAMES
-    }
-    for name, process in started.items():
-        out, error = process.communicate(timeout=PATIENCE)
-        assert (process.returncode, out, error.count('\n')) == (2, '', 1), name
+@pytest.mark.usefixtures('_domain')
+def test_every_executable_is_installed_and_an_unknown_argument_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """What each starts, in this process: test_cli.py has their help, and other tests start most of them."""
+    starts = {each.name: each for each in distribution('mbaid-ros').entry_points if each.group == 'console_scripts'}
+    assert set(starts) == set(NAMES)
+    for name, start in starts.items():
+        assert os.access(executable(name), os.X_OK), name
+        monkeypatch.setattr(sys, 'argv', [str(executable(name)), '--colour'])
+        code = start.load()()
+        out, error = capfd.readouterr()
+        assert (code, out, error.count('\n')) == (2, '', 1), name
         assert '--colour' in error or 'required' in error
 
 
