@@ -5,8 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mbaid_ros.core.forces import DisturbanceModel, disturbance_repair
 from mbaid_ros.core.geometry import Array, exp, mirror, rotation_from_quaternion
+from mbaid_ros.core.links import known_bodies
 from mbaid_ros.core.repair import Conversion, Repair, leading_repair, widened
+from mbaid_ros.core.robot.body import physical, standard
+from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, JointStream
 
 NAMES = ('shoulder', 'elbow', 'wrist')
@@ -35,6 +39,40 @@ def test_a_declared_deviation_is_larger_than_what_was_found(size: float, declare
 
 def test_a_declared_deviation_stays_below_the_largest_accepted() -> None:
     assert widened(0.9, 1.0) == 1.0
+
+
+@pytest.mark.parametrize(
+    ('torque', 'force', 'value', 'unit'), [(0.3, 0.0, 0.3, 'N m'), (0.0, 2.0, 2.0, 'N'), (0.3, 2.0, 0.3, 'N m')]
+)
+def test_a_drift_is_declared_by_level_and_time(torque: float, force: float, value: float, unit: str) -> None:
+    pushes = (DisturbanceModel(size, 10.0, 'inertial') for size in (torque, force))
+    repair = disturbance_repair('something drifts', *pushes)
+    assert (repair.cause, repair.value, repair.unit) == ('something drifts', value, unit)
+    parts = {'torque': torque, 'force': force}
+    assert repair.parameters == {
+        f'disturbance.{kind}_{name}': number
+        for kind, size in parts.items()
+        if size
+        for name, number in (('std', size), ('time', 10.0))
+    }
+
+
+def test_a_link_is_declared_as_uncertain_as_its_mass_centre_and_inertia_are_off(servicer7: MomentumKernel) -> None:
+    place = servicer7.model.link('link3').body
+    before = physical(servicer7.known[place])
+    after = before * np.repeat([1.3, 1.0, 1.3], [1, 3, 6])
+    after[1:4] += [0.004, -0.03, 0.01]
+    moment = np.mean(before[[4, 7, 9]])
+    after[5] += 0.2 * moment
+    unknown = known_bodies(servicer7.model, servicer7.errors)
+    change = standard(after) - servicer7.known[place]
+    repair = unknown.repair('link:link3', change, np.full(10, 0.1), servicer7)
+    assert repair is not None
+    assert repair.value == pytest.approx(0.3 * before[0])
+    name = 'known_links.link3'
+    declared = {'mass_relative_std': widened(0.3), 'com_std': widened(0.03), 'inertia_relative_std': widened(0.2)}
+    assert repair.parameters == pytest.approx({f'{name}.{part}': size for part, size in declared.items()})
+    assert unknown.repair('link:link3', -1.1 * servicer7.known[place], np.full(10, 0.1), servicer7) is None
 
 
 def test_a_sign_and_exchanged_joints_are_converted() -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
@@ -118,6 +121,15 @@ def test_derivatives_by_the_parameters(name: str, monkeypatch: pytest.MonkeyPatc
         expected = (ahead - behind) / (2.0 * steps[index])
         size = float(np.abs(expected).max())
         assert derivatives[..., index] == pytest.approx(expected, abs=4e-3 * size + 1e-9), index
+
+
+def test_a_state_is_taken_along_to_another_point_by_its_derivatives() -> None:
+    rng = np.random.default_rng(0)
+    columns, here, there = rng.normal(size=(5, 4, 8)), rng.normal(size=7), rng.normal(size=7)
+    points: list[Any] = [SimpleNamespace(parameters=each) for each in (here, there)]
+    found = swing._columns_at(columns, *points)
+    assert found[..., 0] == pytest.approx(columns[..., 0] + columns[..., 1:] @ (there - here))
+    np.testing.assert_array_equal(found[..., 1:], columns[..., 1:])
 
 
 @pytest.mark.parametrize('first', ['closed', 'open'])
