@@ -116,7 +116,7 @@ def window(rng: np.random.Generator, process: float = 0.0) -> WindowModel:
             process=np.sqrt(process) * rng.normal(size=(6, 8)),
             pose=(joints := rng.normal(size=(6, 3))),
             by_unknowns=rng.normal(size=(6, NUMBERS, 3)),
-            stored=np.zeros((6, 0)),
+            common=np.zeros((6, 0)),
             process_gain=np.zeros((6, 0)),
             process_variance=np.zeros(0),
         ),

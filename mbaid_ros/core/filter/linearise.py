@@ -334,7 +334,7 @@ def _models(
         each = integral_weights(len(middle))
         motions = (twist_motion(stack, predicted, (around, inside), slope, weights) for weights in each)
         turned = [reading_columns(layout, 'twist', moving) for moving in motions]
-        whole = integrated_twist(stack, prediction, middle, errors, point, by_readings=turned, stored=noise.stored)
+        whole = integrated_twist(stack, prediction, middle, errors, point, by_readings=turned, stored=noise.common)
         whole = replace(whole, replaces_twist=integrated)
     of_poses = stack.pose_covariance / stack.samples if layout.odometry else np.full_like(of_joints, np.nan)
     return WindowModel(
@@ -388,10 +388,10 @@ def _rates(
             joints[:, own] += np.sqrt(stack.joint_variance / stack.samples) * each.joint_gain
     common, overlap = joints @ np.swapaxes(joints, -1, -2), _joint_overlap(seen, count, course.spacing)
     covariance += telescoped(count, course.spacing) * (overlap * common if overlap.size else common)
-    if noise.stored.shape[-1]:
+    if noise.common.shape[-1]:
         # It hardly moves a pose within a window.
         common = np.concatenate(
-            [part * (each.weights is None) @ noise.stored for part, each in zip(parts, seen, strict=True)], axis=1
+            [part * (each.weights is None) @ noise.common for part, each in zip(parts, seen, strict=True)], axis=1
         )
         white = count * np.sum(parabolic_weights(count) ** 2) / stack.samples
         covariance += white * (common @ np.swapaxes(common, -1, -2))

@@ -422,7 +422,7 @@ class JointNoise(ArrayRecord):
     # (B, 6, n + c) factor of the pose error that accumulates until the next window, by joints and the c readings of
     # stored momentum
     process: Array
-    stored: Array  # (B, 6, c) factor of the noise in the twist, by these readings and by Gauss-Markov processes
+    common: Array  # (B, 6, c) factor of the noise that rate sensors share, by these and by Gauss-Markov processes
     process_gain: Array  # (B, 6, f) motion of the base with each Gauss-Markov process, when that grows by one
     process_variance: Array  # (B, f) variance that each gains in the window by the joints' noise, beside its own
 
