@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from mbaid_ros.core.contracts import Disturbance, Motion, Words, diagonal
 from mbaid_ros.core.geometry import Array, bracket, chi_square_limit, cross, exp, rotate, rotate_back, skew, unvec
@@ -24,6 +25,7 @@ _TURNING: dict[Turning, tuple[Array, Array]] = {
     'lvlh': (np.array([0.0, 0.0, -1.0]), np.array([0.0, -1.0, 0.0])),
     'hill': (np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])),
 }
+TURNING_FRAMES = {frame: normal for frame, (_, normal) in _TURNING.items()}  # and the axes that they turn about
 _NEWTON = 20  # steps, enough for an eccentricity of 0.9
 FRAMES = ('inertial', 'lvlh', 'hill')
 TWISTS = ('relative', 'inertial')
@@ -39,6 +41,7 @@ _TRACELESS = np.array(
         np.diag([1.0, 1.0, -2.0]) / np.sqrt(6.0),
     ]
 )
+_NO_ORBIT = 1e-3  # chance that an orbit's gradient looks as little like one
 _FALSE_ALARM = 1e-9  # chance that noise looks like a gradient as large: each window asks once, for days
 _NEAR = 200.0  # m from its origin, beyond which a frame does not count as one that falls with the robot
 
@@ -254,6 +257,9 @@ class OrbitConfig(SimulatedOrbitConfig):
     first sample."""
     undeclared_rate: float = parameter(1.2e-3, 'rad/s', minimum=0.0, maximum=0.1)
     """Without orbit.mean_motion: largest rate of an undeclared orbit, whose gravity gradient is estimated; 0: none."""
+    gradient_relative_std: float = parameter(0.0, minimum=0.0, maximum=1.0)
+    """With orbit.mean_motion: relative standard deviation of the gravity gradient of that orbit, as where it was only
+    estimated from a motion; 0: exact."""
     undeclared_eccentricity: float = parameter(0.002, minimum=0.0, maximum=0.02)
     """With orbit.mean_motion but no orbit.eccentricity: largest undeclared eccentricity, which is estimated; 0: a
     circle."""
@@ -292,7 +298,9 @@ def make_orbit(config: SimulatedOrbitConfig) -> Orbit | None:
 
 @dataclass(frozen=True, eq=False)
 class Gravity(Disturbance):
-    """The five numbers of a gradient G at the begin, 1/s^2, and of its change a second."""
+    """The five numbers of a gradient G at the begin, 1/s^2, and of its change a second; beside a declared orbit's."""
+
+    declared: bool = False  # whether there is such an orbit, so that a gradient contradicts nothing
 
     words: ClassVar = {
         GRAVITY: Words(
@@ -315,13 +323,26 @@ class Gravity(Disturbance):
         The model is not adequate then: the gradient is estimated to first order, beside a body that it acts on and that
         is not known either. That suffices to detect it, but not for valid intervals.
         """
-        if not self.count:
+        if self.declared or not self.count:
             return None
         now = slice(5)  # the others are its rate
         square = float(mean[now] @ np.linalg.solve(covariance[now, now], mean[now]))
         if square <= chi_square_limit(_FALSE_ALARM, 5):
             return None
-        rate = orbit_rate(self.factor @ mean)
+        rate, around = orbit_rate(self.factor @ mean), likeliest_orbit(self.factor, mean, covariance)
+        if around is not None:
+            directions = {'orbit.nadir': -around.zenith, 'orbit.normal': around.normal}
+            repair = Repair(
+                f'the robot is in an orbit of {1e3 * around.mean_motion:.3g} mrad/s, in axes that do not turn',
+                {
+                    'orbit.mean_motion': float(f'{around.mean_motion:.6g}'),
+                    'orbit.gradient_relative_std': 1.0,
+                    **{name: tuple(np.round(value, 6).tolist()) for name, value in directions.items()},
+                },
+                value=around.mean_motion,
+                unit='rad/s',
+            )
+            return Reason(orbit_fixed_frame(around.mean_motion), 'contradiction', 0.5 * square, repair)
         repair = Repair(
             f'the frame of the odometry may turn with an undeclared orbit at {1e3 * rate:.2g} mrad/s',
             {'odometry.turning_std': widened(rate)},
@@ -329,6 +350,43 @@ class Gravity(Disturbance):
             unit='rad/s',
         )
         return Reason(orbit_fixed_frame(rate), 'contradiction', 0.5 * square, repair)
+
+
+def gradient_numbers(around: Orbit) -> Array:
+    """Return the (10,) numbers of an orbit's gradient at its epoch, 1/s^2, and of its change a second, 1/s^3."""
+    early, now, late = around.gradient(np.array([-1.0, 0.0, 1.0]))
+    return np.concatenate([np.einsum('kij,ij->k', _TRACELESS, each) for each in (now, 0.5 * (late - early))])
+
+
+def likeliest_orbit(factor: Array, mean: Array, covariance: Array) -> Orbit | None:
+    """Return the circular orbit whose gradient the data suggest, in axes that do not turn; None if they suggest none.
+
+    Any other disturbance makes a gradient of five free numbers, of which two have to agree with each other in an orbit.
+
+    Parameters
+    ----------
+    factor : (10, 10) of the gradient's numbers, by numbers of unit variance a priori
+    mean, covariance : (10,), (10, 10) of these, after the data
+    """
+    variance, directions = np.linalg.eigh(covariance)
+    variance = np.clip(variance, 1e-9, 1.0 - 1e-9)
+    weight = np.sqrt(1.0 / variance - 1.0)  # of what the data alone say along each direction
+    wanted = weight * (directions.T @ mean) / (1.0 - variance)
+    back = weight[:, None] * directions.T @ np.linalg.inv(factor)
+    gradient, change = np.tensordot((factor @ mean).reshape(2, 5), _TRACELESS, 1)
+    up = np.linalg.eigh(gradient)[1][:, -1]
+    ahead = change @ up - (up @ change @ up) * up
+    if not ahead.any():
+        ahead = cross(up, np.eye(3)[np.argmin(np.abs(up))])
+    across = cross(up, ahead / np.linalg.norm(ahead))
+    rate = orbit_rate(factor @ mean)
+
+    def orbit(numbers: Array) -> Orbit:
+        turn = exp(numbers[1:])
+        return Orbit(rate * float(np.exp(numbers[0])), turn @ up, turn @ across, is_rotating=False)
+
+    fit = least_squares(lambda numbers: back @ gradient_numbers(orbit(numbers)) - wanted, np.zeros(4), method='lm')
+    return orbit(fit.x) if 2.0 * fit.cost <= chi_square_limit(_NO_ORBIT, 6) else None
 
 
 def gravity_gradient_rates(gradients: Array, whole: Array, origin: Array) -> Array:
@@ -434,8 +492,13 @@ def falling_frame(config: OrbitConfig, model: RobotModel, *, located: bool = Tru
 
 
 def declared_gravity(config: OrbitConfig, *, located: bool) -> Gravity:
-    """Return the gravity gradient of an orbit that may be there undeclared."""
-    return gravity(config.undeclared_rate if located and config.mean_motion == 0.0 else 0.0)
+    """Return the gravity gradient of an orbit that may be there undeclared, or the error of that of a declared one."""
+    if not located or config.mean_motion == 0.0:
+        return gravity(config.undeclared_rate if located else 0.0)
+    if config.gradient_relative_std == 0.0:
+        return gravity(0.0)
+    beside = gravity(config.mean_motion)
+    return replace(beside, factor=config.gradient_relative_std * beside.factor, declared=True)
 
 
 def declared_orbit_shape(config: OrbitConfig) -> tuple[OrbitShape, ...]:

@@ -13,8 +13,9 @@ from scipy.integrate import solve_ivp
 from benchmarks.data import simulator_config
 from mbaid_ros.core.difference import window_rows
 from mbaid_ros.core.geometry import Array, exp, rotation_from_quaternion, skew, unvec
+from mbaid_ros.core.odometry.model import odometry_turning
 from mbaid_ros.core.odometry.stream import orientation_only
-from mbaid_ros.core.orbit import FallingFrame, Orbit, Turning
+from mbaid_ros.core.orbit import FallingFrame, Orbit, OrbitConfig, Turning, declared_gravity, gravity
 from mbaid_ros.core.robot.model import Kinematics, express, load_model
 from mbaid_ros.core.robot.momentum import (
     MomentumKernel,
@@ -24,6 +25,7 @@ from mbaid_ros.core.robot.momentum import (
     summed_over_bodies,
 )
 from mbaid_ros.core.samples import BaseStream
+from mbaid_ros.parameters import build
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.simulation import Truth, seen_from_orbit, total_momentum
@@ -36,6 +38,7 @@ from simulated import robot
 SECOND = 1_000_000_000
 EPOCH = 1_700_000_000 * SECOND
 FRAMES: tuple[Turning, ...] = ('lvlh', 'hill')
+KERNEL = MomentumKernel(robot('table1'), robot('table1').last_link)
 
 
 @pytest.mark.parametrize('eccentricity', [0.001, 0.3, 0.9])
@@ -267,3 +270,26 @@ def test_an_orientation_in_an_orbit_fixed_frame_is_turned_without_a_position() -
     np.testing.assert_allclose(seen.rotation[1], turned, atol=1e-9)
     np.testing.assert_allclose(seen.pose_covariance[1, 3:, 3:], turned @ np.diag([1e-6, 4e-6, 9e-6]) @ turned.T)
     assert np.isnan(seen.pose_covariance[:, :3, :3]).all()
+
+
+@pytest.mark.parametrize(('frame', 'axis'), [('lvlh', [0.0, -1.0, 0.0]), ('hill', [0.0, 0.0, 1.0])])
+def test_a_frame_that_turns_along_an_orbits_normal_is_declared_as_such(frame: str, axis: list[float]) -> None:
+    unknown, std = odometry_turning(1e-3), np.full(3, 4e-5)
+    along = unknown.repair('turning', 1.13e-3 * np.array(axis) + 8e-5 * np.array([1.0, 0.0, 0.0]), std, KERNEL)
+    assert along.parameters == {
+        'orbit.mean_motion': pytest.approx(1.13e-3),
+        'orbit.frame': frame,
+        'orbit.gradient_relative_std': pytest.approx(0.2),
+        'odometry.turning_std': pytest.approx(1e-4),
+    }
+    for other in (-1.13e-3 * np.array(axis), 1.13e-3 * np.array(axis) + 3e-4 * np.array([1.0, 0.0, 0.0])):
+        assert list(unknown.repair('turning', other, std, KERNEL).parameters or ()) == ['odometry.turning_std']
+
+
+def test_the_gradient_of_a_declared_orbit_may_be_wrong() -> None:
+    config = build(OrbitConfig, {'mean_motion': 1.13e-3, 'frame': 'lvlh', 'gradient_relative_std': 0.2})
+    beside, alone = declared_gravity(config, located=True), gravity(1.13e-3)
+    assert beside.factor == pytest.approx(0.2 * alone.factor)
+    assert alone.finding(np.ones(10), 1e-4 * np.eye(10)) is not None
+    assert beside.finding(np.ones(10), 1e-4 * np.eye(10)) is None  # an orbit is declared already
+    assert declared_gravity(replace(config, gradient_relative_std=0.0), located=True).count == 0

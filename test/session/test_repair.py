@@ -147,6 +147,7 @@ def test_a_repair_that_is_made_live_is_that_of_a_replay(monkeypatch: pytest.Monk
         ("a joint's zero 30 mrad off", 30.0),
         ('an encoder that slips by 10 mrad', 45.0),
         ('two joints swapped', 30.0),
+        ('odometry in an orbit-fixed frame', 45.0),
     ],
 )
 def test_live_equals_replay_and_the_parameters_of_a_repair_give_its_numbers(name: str, seconds: float) -> None:

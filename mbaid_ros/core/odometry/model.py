@@ -35,7 +35,7 @@ from mbaid_ros.core.geometry import (
 )
 from mbaid_ros.core.joints.model import JointNoise
 from mbaid_ros.core.odometry.stream import AttachedFrame
-from mbaid_ros.core.orbit import orbit_fixed_frame
+from mbaid_ros.core.orbit import TURNING_FRAMES, orbit_fixed_frame
 from mbaid_ros.core.repair import Conversion, Repair, Setting, numbers, widened, wider_prior
 from mbaid_ros.core.results.estimate import with_band
 from mbaid_ros.core.robot.model import PlaneDetector
@@ -51,6 +51,7 @@ SCALE, ANGULAR_BIAS, LINEAR_BIAS = 'odometry scale', 'twist bias', 'twist veloci
 TURNING, LATE = 'odometry turning', 'twist late'
 OF_TWIST = (LATE, ANGULAR_BIAS, LINEAR_BIAS)  # errors of the twist alone
 _MINUTE = 60.0  # s: a unit
+_ALONG = 4.0  # standard deviations, to which an angular velocity is along the normal of an orbit
 _LARGEST_SCALE, _FASTEST = 0.1, 0.01  # of odometry.scale_std; rad/s, of odometry.turning_std
 _DRIFT_TIME = 30.0  # s, of the errors of odometry that drifts
 _UNIT = 1e-3  # largest difference of a quaternion parameter from unit length
@@ -311,10 +312,22 @@ class OdometryTurning(Linear):
     words: ClassVar = {TURNING: Words(deviation=lambda _, value: orbit_fixed_frame(float(np.linalg.norm(value))))}
 
     def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
-        """Return the frame's angular velocity as uncertain as it is large."""
+        """Return the orbit that the frame turns with, or its angular velocity as uncertain as it is large."""
         del cause, kernel
+        text, left = f'the frame of the odometry turns by {with_band(value, std, 1e3)} mrad/s', float(np.max(std))
+        for frame, axis in TURNING_FRAMES.items():
+            rate = float(axis @ value)
+            if np.linalg.norm(value - rate * axis) < _ALONG * left < rate:
+                declared: dict[str, Setting] = {
+                    'orbit.mean_motion': float(f'{rate:.6g}'),
+                    'orbit.frame': frame,
+                    'orbit.gradient_relative_std': min(widened(2.0 * left / rate), 1.0),
+                    'odometry.turning_std': widened(left),
+                }
+                text = f'{text}, as {frame} axes of an orbit do'
+                return Repair(text, declared, value=numbers(value), std=numbers(std), unit='rad/s')
         return wider_prior(
-            f'the frame of the odometry turns by {with_band(value, std, 1e3)} mrad/s',
+            text,
             'odometry.turning_std',
             value,
             std,
