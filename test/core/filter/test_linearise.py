@@ -139,6 +139,26 @@ def test_correlated_errors_of_poses_are_independent_from_window_to_window(exact:
     assert np.mean(means[1:] * means[:-1]) / np.var(means) == pytest.approx(0.0, abs=0.04)
 
 
+@pytest.mark.parametrize(
+    ('time', 'pose', 'twist', 'measured', 'integrated'),
+    [
+        (0.3, 1e-3, 1e-4, True, True),
+        (0.0, 1e-3, 1e-4, True, False),  # independent errors of poses
+        (0.3, 1e-3, 1e-1, True, False),  # a twist that is far noisier
+        (0.3, 1e-3, 1e-4, False, False),
+    ],
+)
+def test_a_twist_counts_by_its_integral_where_poses_are_correlated_and_it_is_better(
+    exact: Samples, time: float, pose: float, twist: float, measured: bool, integrated: bool
+) -> None:
+    window = window_of(exact, 0.05)
+    noise = replace(window.noise, pose=pose**2 * np.eye(6), twist=twist**2 * np.eye(6), correlation_time=time)
+    knots = window.knots
+    if not measured:
+        knots = replace(knots, base_twist=np.full_like(knots.base_twist, np.nan))
+    assert Stack((replace(window, noise=noise, knots=knots),), (0,)).integrates_twist.tolist() == [integrated]
+
+
 def _second(values: Array) -> Array:
     inner = np.diff(values, n=2, axis=0)
     return np.concatenate((inner[:1], inner, inner[-1:]))

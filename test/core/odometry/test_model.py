@@ -15,6 +15,7 @@ from mbaid_ros.core.filter.linearise import WindowModel
 from mbaid_ros.core.geometry import Array, crossed, exp, rotate_back
 from mbaid_ros.core.gyro import IMU, GyroErrors, gyro, gyro_sensor
 from mbaid_ros.core.odometry.model import integral_weights, odometry_mount, odometry_scale, twist_bias
+from mbaid_ros.core.odometry.stream import _blended
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.state import BODY, Layout
@@ -25,6 +26,14 @@ from wrong_robots import Wrong
 
 SPACING = 0.05  # s
 LINK = 'link4'  # that an IMU sits on
+
+
+def test_covariances_at_joint_readings_are_between_those_of_the_poses_beside() -> None:
+    parts = np.random.default_rng(0).normal(size=(3, 6, 6))
+    covariance, (first, second) = parts @ np.swapaxes(parts, 1, 2), ([0, 1], [1, 2])
+    found = _blended(covariance, (np.array(first), np.array(second)), np.array([[0.25], [0.6]]), np.array([1.0, 2.0]))
+    assert found[0] == pytest.approx(0.75 * covariance[0] + 0.25 * covariance[1])
+    assert found[1] == pytest.approx(2.0 * (0.4 * covariance[1] + 0.6 * covariance[2]))
 
 
 def read(tumbling: Truth, unknown: Unknown, value: Array, joints: int) -> Samples:
