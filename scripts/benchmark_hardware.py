@@ -18,10 +18,12 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from benchmark_iss import weighed as station
+from benchmarks.fan_platform import MASS, read_fan_platform
 from benchmarks.frame import PUBLISHED, replace_marked, table
 from mbaid_ros.errors import MbaidError
 from mbaid_ros.recordings.convert import main as convert
 from mbaid_ros.recordings.iss import read_iss
+from mbaid_ros.recordings.recording import write_recording
 from mbaid_ros.recordings.spot import COMMANDS_FILE
 from mbaid_ros.recordings.spot_captures import WEIGHED
 from mbaid_ros.replay.arguments import replay
@@ -76,22 +78,24 @@ class Recordings:
 
     def pairs(self, clones: Path, folder: Path) -> Iterator[Pair]:
         """Return the results, and print missing logs."""
-        for place, log in enumerate(self._found(clones)):
-            bag = folder / f'{self.form}_{place}'
-            arguments = [self.form, str(log), '--output', str(bag)]
-            commands = next(iter(sorted(clones.rglob(COMMANDS_FILE))), None)
-            if self.form == 'spot-2021' and commands is not None:
-                arguments += ['--commands', str(commands)]
-            name = f'{log.parent.name}/{log.stem}'
-            with redirect_stdout(StringIO()), redirect_stderr(StringIO()) as said:
-                code = convert(arguments)
-            if code:
-                print(f'{name}: refused: {said.getvalue().strip().rpartition(str(log))[2]}', flush=True)
+        for place, log in enumerate(self.found(clones)):
+            bag, name = folder / f'log_{place}', f'{log.parent.name}/{log.stem}'
+            if said := self.converted(log, bag, clones):
+                print(f'{name}: refused: {said.rpartition(str(log))[2]}', flush=True)
                 yield Outcome('refused'), None
             else:
                 yield self.shown_pair(name, bag, folder)
 
-    def _found(self, clones: Path) -> list[Path]:
+    def converted(self, log: Path, bag: Path, clones: Path) -> str:
+        """Make a bag of a log; return why `convert` refuses, empty if it does not."""
+        arguments = [self.form, str(log), '--output', str(bag)]
+        commands = next(iter(sorted(clones.rglob(COMMANDS_FILE))), None)
+        if self.form == 'spot-2021' and commands is not None:
+            arguments += ['--commands', str(commands)]
+        with redirect_stdout(StringIO()), redirect_stderr(StringIO()) as said:
+            return said.getvalue().strip() if convert(arguments) else ''
+
+    def found(self, clones: Path) -> list[Path]:
         """Return the logs, each run once, wherever it lies; print the patterns that have none."""
         found: dict[tuple[str, str], Path] = {}
         for pattern in self.logs:
@@ -142,6 +146,17 @@ class Shipped(Recordings):
 
 
 @dataclass(frozen=True)
+class FanPlatform(Recordings):
+    """Logs that `convert` has no format for."""
+
+    def converted(self, log: Path, bag: Path, clones: Path) -> str:
+        """Make a bag of a log."""
+        del clones
+        write_recording(read_fan_platform(log), bag)
+        return ''
+
+
+@dataclass(frozen=True)
 class Station(Recordings):
     """Windows of the space station's telemetry, h: the first is what the others are compared with."""
 
@@ -170,7 +185,6 @@ class Station(Recordings):
 
 _MARCH = 'ExperimentData_RED_2021_3_6_{}/*{}__stitched.mat'
 _MAY = 'ExperimentData_RED_2021_5_{}/*__stitched.mat'
-_SPRING = 'ExperimentData_RED_2023_{}/{}'
 _SUMMER = '{}/Kirk_Phase3_*__stitched.mat'
 SPOT_MASS = (16.881, 16.965, 16.980, 16.966)
 BEARINGS = {'mass': (23.090, 23.824)}
@@ -203,23 +217,22 @@ ALL = (
         'spot-2021',
     ),
     Recordings(
-        'SPOT, March 2023',
-        {'mass': (12.039,), 'izz': (0.2257,)},
-        'weighed, 12.04 kg (never held)',
-        'all',
+        'SPOT, 2023, 20 s',  # the arm unfolds; nothing is held
+        {'mass': (0.111,)},
+        'the hand alone, 0.11 kg',
+        'three of them',
         tuple(
-            _SPRING.format(*each)
-            for each in (('3_26_10_16', 'ExpLog8'), ('3_25_12_20', 'ExpLog'), ('3_26_11_7', 'ExpLog1'))
+            f'ExperimentData_RED_2023_{each}'
+            for each in (
+                '3_26_10_16/ExpLog8',
+                '3_25_12_20/ExpLog',
+                '3_26_11_7/ExpLog1',
+                '4_8_9_34/ExpLog5',
+                '4_8_10_3/ExpLog',
+            )
         ),
         'spot-2023',
-    ),
-    Recordings(
-        'SPOT, April 2023',
-        {'mass': (10.726,), 'izz': (0.1944,)},
-        'weighed, 10.73 kg (never held)',
-        'none',
-        tuple(_SPRING.format(*each) for each in (('4_8_9_34', 'ExpLog5'), ('4_8_10_3', 'ExpLog'))),
-        'spot-2023',
+        end=20.0,
     ),
     *(
         Recordings(
@@ -253,6 +266,14 @@ ALL = (
             ),
             ('named FAIL', 'none', ('FAIL_*',)),
         )
+    ),
+    FanPlatform(
+        'fans and a wheel, 30 s',
+        {'mass': (MASS,)},
+        'weighed, 1.220 kg',
+        'none',
+        ('control_data_DLMI_disturbance.csv', 'control_data_DLQR_*.csv'),
+        end=30.0,
     ),
     Station(
         'space station, six windows',

@@ -1,0 +1,48 @@
+"""The table of real hardware: what counts as published, what holds, and logs that lie in several clones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from benchmark_hardware import ALL, Outcome, Recordings, row
+
+WEIGHED = Recordings('a body', {'mass': (10.0, 10.4), 'izz': (0.2,)}, 'weighed', 'none', ('run_*/a.mat', 'none.mat'))
+
+
+def outcome(mass: float, izz: float, status: str = 'estimating') -> Outcome:
+    return Outcome(status, {'mass': (mass, 0.5), 'izz': (izz, 0.01)})
+
+
+def test_a_number_holds_if_all_weighings_lie_in_its_interval() -> None:
+    cells = row(
+        WEIGHED, [(outcome(10.0, 0.2), None), (outcome(9.3, 0.21), None), (outcome(99.0, 9.0, 'inconsistent'), None)]
+    )
+    assert cells[:5] == ['a body', 'weighed', '3', 'none', '2']
+    assert cells[5] == '3 of 4, off by at most 2.2 std'  # 10.4 kg lies 2.2 deviations from 9.3
+    assert cells[6] == '± 10 %'
+    assert cells[7:] == ['-', '-', '-']  # no repair was tried
+
+
+def test_results_with_repair_have_columns_of_their_own() -> None:
+    refused = Outcome('not_identifiable')
+    cells = row(WEIGHED, [(refused, outcome(10.2, 0.2)), (refused, refused)])
+    assert cells[4:7] == ['0', '-', '-']
+    assert cells[7:9] == ['1', '2 of 2, off by at most 0.4 std']
+
+
+def test_a_log_in_two_clones_counts_once_and_missing_ones_are_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for place in ('one/run_1', 'one/run_2', 'two/run_1'):
+        (tmp_path / place).mkdir(parents=True)
+        (tmp_path / place / 'a.mat').touch()
+    assert [log.parent.name for log in WEIGHED.found(tmp_path)] == ['run_1', 'run_2']
+    assert capsys.readouterr().out == 'missing: a body: none.mat\n'
+
+
+def test_nothing_is_fetched_without_clones(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for recordings in ALL[2:]:
+        assert list(recordings.pairs(tmp_path, tmp_path)) == []
+    assert capsys.readouterr().out.count('missing: ') > len(ALL) - 2
