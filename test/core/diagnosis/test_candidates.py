@@ -11,14 +11,20 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.contracts import UNDISTURBED, Hypothesis
-from mbaid_ros.core.diagnosis.isolation import CandidateCause, CandidateCauses, IsolationResult, _text_of
+from mbaid_ros.core.diagnosis.isolation import (
+    CandidateCause,
+    CandidateCauses,
+    FaultIsolation,
+    IsolationResult,
+    _text_of,
+)
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.innovations import Innovations
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.state import Declared, Layout
 from mbaid_ros.core.windows import AFTER, BEFORE, Window
 from mbaid_ros.session.catalogue import conventions, suspects
-from observed import kernel
+from observed import MID, kernel
 from windowed import joint_window
 
 Outcome = TypeVar('Outcome')
@@ -367,3 +373,37 @@ def test_a_contradicted_run_is_tried_with_errors_of_all_that_is_declared_exact()
     declared = next(each for each in suspects(KERNEL) if 'zero:joint1' in each.causes).part('zero:joint1')
     beside = replace(isolation, layout=Layout.from_unknowns(KERNEL, (declared,)))
     assert tried - {label for each in beside._suspects for label in each.causes} == {'zero:joint1'}
+
+
+def searches_begun(suspicious: Sequence[bool]) -> list[int]:
+    """Return how many windows there have been at the begin of each search of a run that is suspicious now and then."""
+    begun: list[int] = []
+    accepted: list[Any] = []
+
+    def begin(_kind: object, _work: object, accept: Any, **_: object) -> None:
+        begun.append(isolation._seen)
+        accepted.append(accept)
+
+    tasks: Any = SimpleNamespace(
+        cancel=lambda _: None, begin=begin, require=lambda _: accepted[-1](IsolationResult((), Innovations.none(())))
+    )
+    isolation = FaultIsolation(causes(), MID, tasks)
+    twist: Any = SimpleNamespace(add=lambda _: None, reason=lambda: None)
+    run: Any = SimpleNamespace(has_state=False, jump_times=())
+    sample: Any = None
+    isolation._twist = twist
+    for window, doubtful in zip(windows(len(suspicious)), suspicious, strict=True):
+        isolation.add_window(window, sample)
+        isolation.begin_if_due(run, suspicious=doubtful)
+    return begun
+
+
+@pytest.mark.parametrize(
+    ('quiet', 'begun'),
+    [
+        (0, [24, 48, 96]),  # as often as the contradicted windows are twice as many
+        (40, [41, 57, 74, 108]),  # at once where there are enough before, and sixteen later at the earliest
+    ],
+)
+def test_a_search_begins_with_enough_windows_and_again_with_twice_as_many(quiet: int, begun: list[int]) -> None:
+    assert searches_begun([place >= quiet for place in range(120)]) == begun
