@@ -158,7 +158,7 @@ class BagReader:
     def read_packed(self, topics: Collection[str], at_once: int) -> Iterator[Batch]:
         """Yield messages in recorded order, so many at once at most; a DataError if a message is not of its type.
 
-        Messages of the types that `mbaid_ros.cdr` knows are packets, which takes a fraction of the time; they are
+        Messages of the types that `mbaid_ros.packets` knows are packets, which takes a fraction of the time; they are
         objects where the bag defines the type in another way than ROS 2 Jazzy, or the bytes are not understood.
         """
         make = {name: self._maker(name) for name in topics}

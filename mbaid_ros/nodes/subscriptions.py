@@ -113,7 +113,7 @@ class Subscriptions:
     Parameters
     ----------
     node, message_type, topic : as for rclpy
-    callback : called with each message: as a packet of `mbaid_ros.cdr` if that knows the type and understands the
+    callback : called with each message: as a packet of `mbaid_ros.packets` if that knows the type and understands the
         bytes, which takes a fraction of the time; else as an object
     others : further message classes; one of these is subscribed to if publishers offer it before anything has come
     """

@@ -526,6 +526,7 @@ class Session:
         self.base_source = BaseSource(frame, self.config.pose.tf_child_frame, needed=self.config.by_odometry)
         self.restarts: list[str] = []
         self._blamed = ''  # the first cause of the latest contradiction
+        self._carried: tuple[str, ...] = ()  # what had contradicted the run that came to its end before this one
         self.restarted = 0
         self._earlier: Counter[str] = Counter()  # dropped in earlier segments
         self._replaced_earlier: Counter[str] = Counter()
@@ -550,7 +551,7 @@ class Session:
             self.config, self.robot, self._make, self._before, conversions=conversions(self.repairs), origin=origin
         )
         self.intake, self.thrust = self._segment.intake, self._segment.thrust
-        if self.restarts:
+        if self.restarts and not self._carried:
             self._segment.identifier.add_note(self.restarts[-1])
 
     # Messages
@@ -729,6 +730,7 @@ class Session:
         self._used_earlier += self.collected
         self.restarts = [*self.restarts[1 - _RESTARTS_KEPT :], f'{reason}; started again']
         self.restarted += 1
+        self._carried = tuple(self.restarts[-1:]) if self._blamed and self._blamed in reason else ()
         self._recording.forget(kept=self._repairs_wanted)
         self._latest = -1
         self._begin()
@@ -757,18 +759,22 @@ class Session:
             return []
         self._blamed = next((cause for each in estimates[::-1] for cause, _ in each.likely_causes), self._blamed)
         if not self._repairs_wanted:
-            return estimates
+            return self._with_texts(estimates)
         for estimate in estimates:
             repair = self._policy.repair(estimate, self.config, self.repairs)
             if repair is not None and self._repair(repair):
                 return []
         if self._policy.over:
             self._recording.forget(kept=False)
-        texts = tuple(map(str, self.repairs))
-        found = [replace(each, repairs=self.repairs, warnings=(*texts, *each.warnings)) for each in estimates]
+        found = [replace(each, repairs=self.repairs) for each in self._with_texts(estimates)]
         found = [each for each in found if not new_only or each.stamp > self._latest]
         self._latest = max([self._latest, *(each.stamp for each in found)])
         return found
+
+    def _with_texts(self, estimates: list[Estimate]) -> list[Estimate]:
+        """Return estimates whose first warnings are repairs, and what has contradicted a run that came to its end."""
+        texts = (*map(str, self.repairs), *self._carried)
+        return [replace(each, warnings=(*texts, *each.warnings)) for each in estimates] if texts else estimates
 
     def _unsolved(self, error: Exception) -> str:
         """Return why a run has come to its end, with what contradicted it: that is wrong for the next one as well."""

@@ -232,4 +232,5 @@ def test_a_run_that_cannot_be_solved_starts_again(failure: Exception, kind: type
     assert times[-1] == pytest.approx(MANY_SECONDS - FAILS_AT, abs=1.1)
     assert not any(reason in estimate.warnings for estimate in estimates[:again])
     assert all(reason in estimate.warnings for estimate in estimates[again:])
+    assert (estimates[-1].warnings[0] == reason) == (kind is Contradicted)  # a cause comes before what follows from it
     assert np.all(estimates[-1].identifiable)
