@@ -50,6 +50,11 @@ class Conversion:
     left_out: tuple[tuple[float, float], ...] = ()  # s since the first sample: joint readings in between
     masses: Mapping[str, float] = field(default_factory=dict)  # factors of links' masses and inertias, by name
 
+    @property
+    def of_poses(self) -> bool:
+        """Whether poses are not as they are read."""
+        return self.pose != 'as read' or bool(self.mount) or self.scale != 1.0
+
     def joints(
         self, streams: Mapping[tuple[int, ...], JointStream], names: Sequence[str], origin: int
     ) -> dict[tuple[int, ...], JointStream]:
@@ -80,8 +85,7 @@ class Conversion:
 
     def base(self, stream: BaseStream | None) -> BaseStream | None:
         """Return the readings of the base as they are meant."""
-        posed = self.pose != 'as read' or bool(self.mount) or self.scale != 1.0
-        if stream is None or (self.with_twist and not posed):
+        if stream is None or (self.with_twist and not self.of_poses):
             return stream
         unknown = np.full(stream.linear_velocity.shape, np.nan)
         rotation, position = stream.rotation, self.scale * stream.position

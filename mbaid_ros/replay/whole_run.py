@@ -140,8 +140,10 @@ class Run:
 
     @property
     def all_warnings(self) -> list[str]:
-        """Every warning once, the estimator's first."""
-        return list(dict.fromkeys((*self.final.warnings, *self.warnings)))
+        """Every warning once: the estimator's first, but after what most messages of a run without numbers lack."""
+        starved = not self.reached and max(self.dropped.values(), default=0) > self.used
+        both = (self.warnings, self.final.warnings) if starved else (self.final.warnings, self.warnings)
+        return list(dict.fromkeys((*both[0], *both[1])))
 
 
 class History:

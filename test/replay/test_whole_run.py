@@ -227,3 +227,10 @@ def test_numbers_rest_on_the_mass_of_the_robot_description_unless_it_was_weighed
     assert assumed in summary(run(model_summary=described))
     assert assumed not in summary(run(model_summary=described, settings={'known_links.total_mass': 640.0}))
     assert assumed not in summary(run(estimate(status='inconsistent'), model_summary=described))
+
+
+def test_what_most_messages_lack_comes_before_what_follows_from_it() -> None:
+    final = Estimate('trajectory', 'not_identifiable', warnings=('not determined',))
+    lacking = replace(hostile_run(), final=final, warnings=('no quaternion',))
+    assert replace(lacking, used=100, dropped={'no quaternion': 5000}).all_warnings[0] == 'no quaternion'
+    assert replace(lacking, used=100, dropped={'no quaternion': 50}).all_warnings[0] == 'not determined'

@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags, chi_square_limit, skew
-from mbaid_ros.core.repair import Repair, Setting
+from mbaid_ros.core.repair import Conversion, Repair, Setting
 from mbaid_ros.core.results.estimate import PARAMETERS, WITHHELD, Estimate, Status
 from mbaid_ros.core.results.innovations import BASE_SENSORS, SIGNIFICANT, Innovations, widening
 from mbaid_ros.core.robot.body import (
@@ -37,6 +37,7 @@ _NEVER, _NOT_TWICE, _RARELY = 1e-7, 1e-4, 1e-5
 # Standard deviations of an estimate from the nearest real body, of none from the first, with a warning from the second.
 IMPOSSIBLE, _LARGE_CORRECTION = 4.0, 3.0
 _BY_CHANCE = 1e-6  # chance that so few equations leave as large a residual: asked once a window while a run is short
+_FOLLOWS = 0.5  # share of a reason's gain, from which it follows from a leading cause of which it is a part
 _KEPT = 10.0  # s, that an estimate is compared with later ones
 _FAR = 5.0  # of its standard deviations, by which none should move: one in millions does by chance
 MOST_JUMPS = 3  # of the momentum: from more on the model is wrong rather than the run unlucky
@@ -122,11 +123,21 @@ def with_reasons(estimate: Estimate, reasons: Sequence[Reason]) -> Estimate:
         elif reason.severity != 'note':
             status = 'inconsistent'
         if reason.gain is not None and (causes or status == 'inconsistent'):
-            causes = ((reason.text, reason.gain), *causes)
+            place = int(_follows(reason, causes, remedies))
+            causes = (*causes[:place], (reason.text, reason.gain), *causes[place:])
             remedies |= {} if reason.repair is None else {reason.text: reason.repair}
     if withheld:
         warnings.insert(withheld, WITHHELD)
     return replace(estimate, status=status, causes=causes, remedies=remedies, warnings=tuple(warnings))
+
+
+def _follows(reason: Reason, causes: Sequence[tuple[str, float]], remedies: Mapping[str, Repair]) -> bool:
+    """Return whether a reason follows from the leading cause: wrong poses make a right twist look wrong."""
+    leading = remedies.get(causes[0][0]) if causes else None
+    if leading is None or leading.conversion is None or reason.repair is None or reason.gain is None:
+        return False
+    of_twist = reason.repair.conversion == Conversion(with_twist=False)
+    return of_twist and leading.conversion.of_poses and causes[0][1] > _FOLLOWS * reason.gain
 
 
 def notes(texts: Sequence[str]) -> list[Reason]:

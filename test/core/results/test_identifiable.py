@@ -11,6 +11,7 @@ from checked import some
 from made_runs import BODY as MADE_BODY
 from made_runs import estimate, planar
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.repair import Conversion, Repair
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Status, is_complete, is_usable
 from mbaid_ros.core.results.verdict import (
     IntervalConsistency,
@@ -289,6 +290,25 @@ def test_a_reason_makes_the_status(given: Estimate, severity: Severity, status: 
     assert found.status == status
     assert found.warnings == ('too much', *([WITHHELD] if withheld else []), 'by the way')
     assert found.contradicted == (severity != 'note')
+
+
+@pytest.mark.parametrize(
+    ('conversion', 'gain', 'first'),
+    [
+        (Conversion(pose='w first'), 70.0, 'poses'),
+        (Conversion(scale=1e-3), 70.0, 'poses'),
+        (Conversion(pose='w first'), 40.0, 'twist'),  # explains much less
+        (Conversion(delay=0.1), 70.0, 'twist'),
+        (None, 70.0, 'twist'),
+    ],
+)
+def test_a_twist_that_seems_wrong_follows_from_wrong_poses(
+    conversion: Conversion | None, gain: float, first: str
+) -> None:
+    poses, twist = Repair('poses', conversion=conversion), Repair('twist', conversion=Conversion(with_twist=False))
+    given = replace(PUBLISHED, status='inconsistent', causes=(('poses', gain),), remedies={'poses': poses})
+    found = with_reasons(given, [Reason('twist', gain=100.0, repair=twist)])
+    assert [cause for cause, _ in found.causes] == [first, *({'poses', 'twist'} - {first})]
 
 
 def test_a_note_is_a_cause_only_where_there_are_others_and_a_conflict_always() -> None:
