@@ -35,11 +35,15 @@ suppress_warnings = ['myst.header']  # generated pages begin with their tables
 autosummary_generate = True
 autodoc_default_options = {'members': True, 'member-order': 'bysource', 'show-inheritance': True}
 autodoc_typehints = 'description'
+autodoc_typehints_format = 'short'
+autodoc_type_aliases = {name: name for name in ('Array', 'Flags', 'Integers', 'Status')}
 autodoc_mock_imports = ['rclpy', 'mbaid_msgs']  # their libraries are found by a sourced ROS environment only
 napoleon_google_docstring = False
 
 html_theme = 'furo'
 html_math_renderer = 'mathml'  # browsers draw it without a script and without a network
+html_static_path = ['_static']
+html_css_files = ['site.css']
 html_title = f'mbaid_ros {release}'
 html_theme_options = {'sidebar_hide_name': False, 'navigation_with_keys': True}
 

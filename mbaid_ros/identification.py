@@ -45,10 +45,14 @@ _LATEST = 4e9  # s: stamps of ROS have 32 bits
 class History(NamedTuple):
     """K estimates in order, of each window at first and of each relinearisation; NaN where not determined."""
 
-    time: Array  # (K,) s since the first sample
+    time: Array
+    """(K,) s since the first sample."""
     status: tuple[Status, ...]
-    parameters: Array  # (K, 10) mass, centre of mass, inertia (xx, xy, xz, yy, yz, zz)
-    std: Array  # (K, 10)
+    """Status of each."""
+    parameters: Array
+    """(K, 10) mass, centre of mass, inertia (xx, xy, xz, yy, yz, zz)."""
+    std: Array
+    """(K, 10) standard deviations."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +67,7 @@ class Identification:
 
     @property
     def status(self) -> Status:
-        """Of the estimate: converged, estimating, not_identifiable, inconsistent or waiting."""
+        """Status of the estimate, one of converged, estimating, not_identifiable, inconsistent and waiting."""
         return self.run.final.status
 
     @property

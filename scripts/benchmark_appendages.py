@@ -1,4 +1,4 @@
-"""Write measured/appendages.md: robots with panels, propellant or a grasp that gives, beside the rigid robot."""
+"""Write measured/appendages.md: robots with panels, propellant or an elastic grasp, beside the rigid robot."""
 
 import time
 from dataclasses import dataclass

@@ -3,10 +3,15 @@
 `make pictures` runs it. The numbers that the captions name are in docs/images/numbers.json; a test makes them anew.
 """
 
+import hashlib
 import json
+import os
 import re
+import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import matplotlib as mpl
@@ -16,6 +21,7 @@ from matplotlib import pyplot as plt
 from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Ellipse, FancyBboxPatch, Rectangle
+from PIL import Image, ImageSequence
 
 from mbaid_ros.bags import BagReader
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
@@ -34,7 +40,7 @@ STYLE = ROOT / 'docs' / 'pictures.mplstyle'
 BAG, URDF = ROOT / 'bags' / 'servicer7_mid', ROOT / 'config' / 'servicer7.urdf'
 PARAMETERS = ROOT / 'config' / 'servicer7_estimator.yaml'
 BLUE, ORANGE, GREEN, GREY = '#0072B2', '#D55E00', '#009E73', '#666666'  # apart for colour-blind eyes, too
-FRAMES, FRAME_TIME = 40, 0.15  # of the animation; s between two
+FRAMES, FRAME_TIME, COLOURS = 20, 0.3, 32  # of the animation; s between two
 
 
 def readme_run() -> Run:
@@ -81,6 +87,11 @@ def demo(run: Run, path: Path) -> None:
 
     FuncAnimation(chart, draw, frames=FRAMES).save(path, PillowWriter(fps=round(1.0 / FRAME_TIME)), dpi=100)  # type: ignore[arg-type]
     plt.close(chart)
+    with Image.open(path) as drawn:  # with few colours that all frames share, a quarter of the size
+        frames = [each.convert('RGB') for each in ImageSequence.Iterator(drawn)]
+    palette = frames[-1].quantize(COLOURS)
+    first, *others = (each.quantize(palette=palette, dither=Image.Dither.NONE) for each in frames)
+    first.save(path, save_all=True, append_images=others, duration=round(1e3 * FRAME_TIME), loop=0, optimize=True)
 
 
 def robot(view: Any, model: Any, data: Any, configuration: Array) -> None:
@@ -102,7 +113,7 @@ def robot(view: Any, model: Any, data: Any, configuration: Array) -> None:
     view.text(com[0], com[1], com[2] + 0.5, 'held body', color=ORANGE, ha='center')
     view.text(places[0, 0], places[0, 1], places[0, 2] + 0.9, 'floating base', color=GREY, ha='center')
     for limits, middle in zip((view.set_xlim, view.set_ylim, view.set_zlim), 0.5 * (places[0] + com), strict=True):
-        limits(middle - 1.2, middle + 1.2)
+        limits(middle - 1.5, middle + 1.5)
     view.set_axis_off()
     view.view_init(elev=20, azim=-65)
 
@@ -177,20 +188,144 @@ BOXES = (
 
 def data_flow(path: Path) -> None:
     """Draw the way of the data in five boxes."""
-    chart, axes = plt.subplots(figsize=(7.2, 1.5), layout='constrained')
+    chart, axes = plt.subplots(figsize=(7.2, 1.6), layout='constrained')
     for place, (name, words) in enumerate(BOXES):
         left = 2.2 * place
         axes.add_patch(
             FancyBboxPatch((left, 0.0), 1.75, 1.2, boxstyle='round,pad=0.05', fill=False, color=BLUE, lw=1.5)
         )
         axes.text(left + 0.87, 0.95, name, ha='center', va='center', weight='bold')
-        axes.text(left + 0.87, 0.42, words, ha='center', va='center', fontsize=7)
+        axes.text(left + 0.87, 0.42, words, ha='center', va='center', fontsize=7.5)
         if place:
             arrow(axes, (left - 0.42, 0.6), (left - 0.03, 0.6), GREY)
     axes.set(xlim=(-0.15, 10.75), ylim=(-0.15, 1.35))
     axes.set_axis_off()
     chart.savefig(path, metadata={'Date': None})
     plt.close(chart)
+
+
+def table_from_above(path: Path) -> None:
+    """Draw an air-bearing bench from above."""
+    chart, axes = plt.subplots(figsize=(7.2, 4.0), layout='constrained')
+    axes.add_patch(Rectangle((0.0, 0.0), 11.0, 5.4, fill=False, color=GREY, linewidth=2.0))
+    axes.text(10.8, 0.2, 'flat, level table', color=GREY, ha='right')
+    frame(axes, (1.4, 0.8), 0.0, 'odometry frame', GREY)
+    for corner, name in (((0.5, 4.9), 'camera'), ((10.5, 4.9), 'camera')):
+        axes.add_patch(Rectangle((corner[0] - 0.22, corner[1] - 0.15), 0.44, 0.3, color=GREY))
+        axes.text(corner[0], corner[1] - 0.55, name, color=GREY, ha='center')
+    axes.add_patch(Circle((3.4, 2.9), 1.15, fill=False, color=BLUE, linewidth=2.0))
+    for angle in (0.6, 2.2, 3.4, 5.0):
+        axes.plot(3.4 + 0.85 * np.cos(angle), 2.9 + 0.85 * np.sin(angle), marker='o', color=GREY, markersize=5)
+    frame(axes, (3.4, 2.9), 0.35, '', BLUE)
+    axes.text(4.2, 1.15, 'base on air bearings, with markers\n(pose at 120 Hz)', color=BLUE, ha='center', va='center')
+    joints = np.array([(4.48, 3.3), (6.0, 4.4), (7.7, 3.7)])
+    axes.plot(*joints.T, color=GREY, linewidth=6.0, solid_capstyle='round', alpha=0.5)
+    for joint, name in zip(joints, ('shoulder', 'elbow', 'hand'), strict=True):
+        axes.add_patch(Circle(tuple(joint), 0.16, color='white', ec=GREY, zorder=3, linewidth=1.5))
+        axes.text(joint[0] + 0.25, joint[1] + (0.25 if name != 'shoulder' else -0.3), name, color=GREY)
+    axes.text(6.8, 2.7, 'joint positions\nat 50 Hz', color=GREY, ha='center', va='center')
+    axes.add_patch(Ellipse((8.7, 3.1), 1.6, 1.1, angle=-30.0, fill=False, color=ORANGE, linewidth=2.0))
+    arrow(axes, (7.7, 3.7), (8.85, 3.0), ORANGE)
+    axes.plot(8.85, 3.0, marker='o', color=ORANGE, markersize=8)
+    axes.text(9.0, 1.75, 'payload: mass, centre of\nmass (x, y), izz', color=ORANGE, ha='center', va='center')
+    axes.set(xlim=(-0.1, 11.1), ylim=(-0.1, 5.5), aspect='equal')
+    axes.set_axis_off()
+    chart.savefig(path, metadata={'Date': None})
+    plt.close(chart)
+
+
+def box(axes: Axes, place: tuple[float, float], size: tuple[float, float], words: str, colour: str) -> None:
+    """Draw a box with words, by its lower left corner."""
+    axes.add_patch(FancyBboxPatch(place, *size, boxstyle='round,pad=0.05', fill=False, color=colour, lw=1.5))
+    axes.text(place[0] + 0.5 * size[0], place[1] + 0.5 * size[1], words, ha='center', va='center', color=colour)
+
+
+INPUTS = (
+    ('joint_states', 'JointState'),
+    ('odom or pose', 'Odometry or PoseStamped'),
+    ('robot_description', 'URDF'),
+    ('imu, thrust, stored_momentum', 'if there are any'),
+)
+OUTPUTS = (
+    ('~/estimate, ~/inertia', 'numbers, intervals, status'),
+    ('~/robot_description', 'URDF with the result'),
+    ('/diagnostics', 'missing topics, faults'),
+)
+
+
+def topics(path: Path) -> None:
+    """Draw the nodes and the topics between them."""
+    chart, axes = plt.subplots(figsize=(7.2, 3.2), layout='constrained')
+    box(axes, (0.0, 0.4), (1.5, 2.6), 'robot,\nsimulator\nor player', GREY)
+    box(axes, (5.3, 0.4), (1.6, 2.6), 'estimator', BLUE)
+    box(axes, (10.7, 1.9), (1.7, 1.1), 'controller,\nwatch', ORANGE)
+    box(axes, (10.7, 0.4), (1.7, 1.1), 'recorder,\nRViz', ORANGE)
+    for (left, right), rows in (((1.6, 5.2), INPUTS), ((7.0, 10.6), OUTPUTS)):
+        for place, (name, words) in enumerate(rows):
+            height = 2.65 - place * 2.1 / (len(rows) - 1)
+            arrow(axes, (left, height), (right, height), GREY)
+            axes.text(0.5 * (left + right), height + 0.08, name, ha='center', va='bottom', fontsize=9)
+            axes.text(0.5 * (left + right), height - 0.08, words, ha='center', va='top', fontsize=8, color=GREY)
+    axes.set(xlim=(-0.15, 12.55), ylim=(0.1, 3.2))
+    axes.set_axis_off()
+    chart.savefig(path, metadata={'Date': None})
+    plt.close(chart)
+
+
+DRAWINGS = {'frames.svg': frames, 'data-flow.svg': data_flow, 'bench.svg': table_from_above, 'topics.svg': topics}
+
+
+# -- Reports
+
+
+@dataclass(frozen=True)
+class ReportPicture:
+    """A picture of a page: the curves of a report that the page's commands write."""
+
+    page: str  # in docs/
+    report: str  # file that they write
+    picture: str  # file in docs/images
+
+    @property
+    def commands(self) -> str:
+        """The commands of the page that are run."""
+        text = (ROOT / 'docs' / self.page).read_text(encoding='utf-8')
+        return ''.join(re.findall(r'<!-- run -->\n```sh\n(.*?)^```$', text, re.DOTALL | re.MULTILINE))
+
+    @property
+    def sha256(self) -> str:
+        """The commands' hash."""
+        return hashlib.sha256(self.commands.encode()).hexdigest()
+
+
+REPORTS = (
+    ReportPicture('tutorials/first-verdict.md', 'tutorial/report.html', 'report_good.svg'),
+    ReportPicture('tutorials/capture.md', 'capture.html', 'report_capture.svg'),
+    ReportPicture('tutorials/air-bearing.md', 'bench/hand.html', 'report_bench.svg'),
+)
+
+
+def curves(report: str) -> str:
+    """Return the curves of the parameters in a report as a picture by itself, in its colours on a page of its own."""
+    (drawing,) = re.findall(r'<svg [^>]*aria-label="Estimate of each parameter.*?</svg>', report, re.DOTALL)
+    rules = re.search(r':root \{.*?\}.*?\} \}', report, re.DOTALL)
+    assert rules is not None, 'the report has no colours'
+    page = '<rect width="100%" height="100%" style="fill: var(--page)"/>'
+    head, body = drawing.split('>', 1)
+    return f'{head}>\n<style>{rules[0]} text {{ fill: var(--ink); }}</style>{page}{body}\n'
+
+
+def report_pictures() -> None:
+    """Run the commands of the pages, and save the curves of their reports."""
+    path = f'{os.environ["PATH"]}:{ROOT / "scripts"}'
+    for each in REPORTS:
+        with TemporaryDirectory() as folder:
+            for entry in ROOT.iterdir():
+                if not entry.name.startswith('.'):
+                    (Path(folder) / entry.name).symlink_to(entry)
+            subprocess.run(['bash', '-ec', each.commands], cwd=folder, env={**os.environ, 'PATH': path}, check=True)
+            report = (Path(folder) / each.report).read_text(encoding='utf-8')
+        (IMAGES / each.picture).write_text(curves(report), encoding='utf-8')
 
 
 def page_picture() -> None:
@@ -208,12 +343,14 @@ def main() -> int:
     mpl.use('svg')
     plt.style.use(STYLE)
     run = readme_run()
-    text = json.dumps({'readme': numbers(run)}, indent=2)
+    commands = {each.page: each.sha256 for each in REPORTS}
+    text = json.dumps({'readme': numbers(run), 'commands': commands}, indent=2)
     (IMAGES / 'numbers.json').write_text(f'{text}\n', encoding='utf-8')
     demo(run, IMAGES / 'demo.gif')
-    frames(IMAGES / 'frames.svg')
-    data_flow(IMAGES / 'data-flow.svg')
+    for name, draw in DRAWINGS.items():
+        draw(IMAGES / name)
     page_picture()
+    report_pictures()
     return 0
 
 

@@ -6,6 +6,7 @@ In a document the table stands between `<!-- parameters of X -->` and `<!-- end 
 import re
 import sys
 import textwrap
+from collections.abc import Iterable
 from pathlib import Path
 
 from mbaid_ros.config.calibration_file import CalibrationConfig
@@ -26,6 +27,7 @@ REFERENCE = ROOT / 'docs' / 'reference'
 DOCUMENTS = (REFERENCE / 'parameters.md', REFERENCE / 'simulator.md', ROOT / 'docs' / 'how-to' / 'calibrate.md')
 PLACE = re.compile(r'(<!-- parameters of (\w+) -->\n).*?(<!-- end of parameters -->)', re.DOTALL)
 WIDTH = 120
+_UNGROUPED = 40  # parameters that one table holds
 
 HEADER = """\
 # Every parameter of the estimator with its default: copy it, change what you need, leave out the rest.
@@ -66,12 +68,30 @@ def with_tables(document: str) -> str:
 
 
 def table(declared: type) -> str:
-    """Return the parameters of a dataclass as a table in Markdown."""
-    both = ((specifications(declared), True), (named_specifications(declared), False))
+    """Return the parameters of a dataclass as tables in Markdown, one a group if they are many."""
+    single = named_specifications(declared).values()  # that of a thing by its name has the defaults of all
+    grouped: dict[str, list[ParameterSpec]] = {}
+    for spec in specifications(declared).values():
+        grouped.setdefault(spec.name.rpartition('.')[0], []).append(spec)
+    if sum(map(len, grouped.values())) <= _UNGROUPED:
+        return _rows([spec for specs in grouped.values() for spec in specs], single)
+    parts = [
+        f'### `{group}`\n\n{(specs[0].field[0].__doc__ or "").partition(chr(10))[0]}\n\n{_rows(specs)}'
+        if group
+        else _rows(specs)
+        for group, specs in grouped.items()
+    ]
+    parts += [f'### By name\n\nThe same of a single link, joint or sensor.\n\n{_rows([], single)}'] * bool(single)
+    return '\n'.join(parts)
+
+
+def _rows(specs: Iterable[ParameterSpec], single: Iterable[ParameterSpec] = ()) -> str:
+    """Return a table of parameters, then of those of single things, which have no default here."""
     rows = [
-        f'| `{spec.name}` | {f"`{_written(spec.default)}` " if defaults else ""}| {spec.unit} | {_meaning(spec)} |'
-        for specs, defaults in both  # a single named thing has the defaults of all
-        for spec in specs.values()
+        f'| `{spec.name}` | {default}| {spec.unit} | {_meaning(spec)} |'
+        for which, defaults in ((specs, True), (single, False))
+        for spec in which
+        for default in (f'`{_written(spec.default)}` ' if defaults else '',)
     ]
     return '\n'.join(['| parameter | default | unit | meaning |', '|---|---|---|---|', *rows]) + '\n'
 

@@ -47,6 +47,11 @@ def blocks(document: Path, kind: str = '') -> list[Block]:
     return [block for block in found if not kind or block.mark.partition(':')[0] == kind]
 
 
+def outputs(document: Path) -> list[str]:
+    """Return the blocks of text below commands: lines that these print, in this order."""
+    return re.findall(r'^```text\n(.*?)^```$', document.read_text(encoding='utf-8'), re.DOTALL | re.MULTILINE)
+
+
 def python_blocks(document: Path) -> list[str]:
     """Return the blocks of Python in a document, which belong together."""
     return re.findall(r'^```python\n(.*?)^```$', document.read_text(encoding='utf-8'), re.DOTALL | re.MULTILINE)

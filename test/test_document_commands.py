@@ -26,15 +26,18 @@ from documents import (
     bash,
     blocks,
     names,
+    outputs,
     prelude,
     project,
     with_ros2,
 )
 from graph import PATIENCE, Graph, graph
+from make_pictures import IMAGES, REPORTS, curves
 from mbaid_ros.bags import BagReader
 from mbaid_ros.nodes.subscriptions import message_class
 from stand_ins import put_on_path
 
+TICKS = re.compile(r'<text [^>]*>(.*?)</text>')  # of a picture's axes, whose scale follows from the curves
 HERE = re.compile(r"^cat > \S+ <<'END'\n.*?^END\n", re.DOTALL | re.MULTILINE)  # a file that a block writes
 
 
@@ -51,6 +54,11 @@ def test_the_commands_run_as_printed(document: str, tmp_path: Path) -> None:
     with project(tmp_path) as folder:
         run = bash(''.join(prelude() if document != 'README.md' else []) + commands, folder)
     assert (run.returncode, run.stderr) == (0, ''), run.stdout
+    assert [text for text in outputs(ROOT / document) if text not in run.stdout] == []
+    for each in (picture for picture in REPORTS if document == f'docs/{picture.page}'):
+        made = curves((tmp_path / each.report).read_text(encoding='utf-8'))
+        stored = (IMAGES / each.picture).read_text(encoding='utf-8')
+        assert TICKS.findall(made) == TICKS.findall(stored), 'run `make pictures`'
     if document == 'README.md':
         assert 'the inertia of link7 is identified' in run.stdout
         assert (tmp_path / 'report.html').is_file()

@@ -14,11 +14,12 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from documents import ROOT, python_blocks
+from documents import README, ROOT, python_blocks
 from mbaid_ros import identify
 from mbaid_ros.bags import BagReader
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.config.parameter_files import load_parameter_file
+from mbaid_ros.core.results.estimate import BAND
 from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.parameters import build
@@ -214,5 +215,7 @@ def test_the_example_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.Monkey
     code = '\n'.join(python_blocks(PAGE)).replace("'docs/images/python.svg'", repr(str(tmp_path / 'python.svg')))
     known: dict[str, Any] = {}
     exec(compile(code, str(PAGE), 'exec'), known)
-    assert known['result'].mass == pytest.approx(162.0, abs=8.0)
+    result = known['result']
+    assert result.mass == pytest.approx(162.0, abs=8.0)
+    assert f'[{result.mass:.1f} ± {BAND * result.std[0]:.1f} kg](docs/how-to/python.md)' in README.read_text()
     assert (tmp_path / 'python.svg').stat().st_size > 10_000

@@ -57,8 +57,7 @@ class FlexibleConfig:
     """Passive joints."""
 
     joints: tuple[str, ...] = parameter(())
-    """Joints of the URDF that a spring holds and no JointState reports: panels, booms, propellant, a grasp that
-    gives."""
+    """Joints of the URDF that a spring holds and no JointState reports: panels, booms, propellant, an elastic grasp."""
     each: Mapping[str, Mapping[str, float]] = by_name(PassiveJointConfig, 'joint')
 
     def passive(self, joint_names: tuple[str, ...]) -> dict[str, PassiveJointConfig]:

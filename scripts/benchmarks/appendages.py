@@ -1,4 +1,4 @@
-"""The seven-joint servicer with solar panels or propellant that swing, or a grasp that gives."""
+"""The seven-joint servicer with solar panels or propellant that swing, or an elastic grasp."""
 
 from benchmarks.data import CONFIG
 
