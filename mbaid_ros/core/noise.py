@@ -24,6 +24,7 @@ UNITS = ('rad', 'rad/s', 'm', 'rad', 'm/s', 'rad/s')  # m and m/s of a prismatic
 TYPICAL = np.array([1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4])  # usual for the sensors of a servicer
 # Declared joint noise over found noise, from which the bias correction of the equations biases them itself.
 _FAR_TOO_LARGE = 10.0
+_MILLIMETRES, _UNIT_LEFT = 1e3, 0.5  # in a metre; decades that the declared noise itself may be wrong by
 _WRONG = 1.3  # times too small or too large, from which a declared value is reported as wrong: declarations are rough
 # Of the differences: they cancel polynomials of fifth degree, which motion resembles over seven readings.
 ORDER = 6
@@ -131,6 +132,12 @@ class NoiseLevels:
             'may be biased by more than their intervals; declare the noise of the joints, or set noise.estimate'
         )
         return texts
+
+    @property
+    def in_another_unit(self) -> bool:
+        """Whether positions scatter by a thousand times their declared noise, within a factor of three."""
+        ratio = float(self.estimated[2] / self.declared[2])
+        return bool(self.contradicted[2]) and abs(np.log10(ratio / _MILLIMETRES)) < _UNIT_LEFT
 
     def rows(self) -> list[tuple[str, str, str]]:
         """Return name and unit of each sensor, and its declared and found level, the one in use first."""

@@ -10,7 +10,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from mbaid_ros.core.clocks import LARGEST_BACKLOG, Found, StampPattern
-from mbaid_ros.core.contracts import Check, Follower, Force
+from mbaid_ros.core.contracts import Check, Follower, Force, converted
 from mbaid_ros.core.filter.posterior import Posterior
 from mbaid_ros.core.geometry import Array, exp, log
 from mbaid_ros.core.gyro import RateIntegrator
@@ -18,10 +18,10 @@ from mbaid_ros.core.joints.faults import CHECKS, JointFaults, JointRates
 from mbaid_ros.core.joints.stream import joint_channels
 from mbaid_ros.core.links import inertia
 from mbaid_ros.core.noise import NoiseEstimator, NoiseLevels
-from mbaid_ros.core.odometry.faults import PlanarPoses, twist_check
+from mbaid_ros.core.odometry.faults import MILLIMETRES, PlanarPoses, twist_check
 from mbaid_ros.core.odometry.stream import POSE, hermite
 from mbaid_ros.core.outliers import JOINT_OUTLIER, JOINTS_HELD, Flips, Outliers, Repeats
-from mbaid_ros.core.repair import Repair
+from mbaid_ros.core.repair import Conversion, Repair
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.verdict import Reason, Severity, notes, with_reasons
 from mbaid_ros.core.robot.model import RobotModel
@@ -411,6 +411,9 @@ class Identifier:
         levels = self._levels.get(time)
         texts = [] if levels is None else levels.warnings
         reasons = notes([*texts, *(text for text, since in self._notes.items() if since <= time)])
+        if levels is not None and levels.in_another_unit:
+            meant = converted(MILLIMETRES, Conversion(scale=1e-3))
+            reasons.append(Reason(MILLIMETRES, 'contradiction', _CERTAIN, meant))
         return [*reasons, *self._checks.reasons(time)]
 
 

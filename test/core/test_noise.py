@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from checked import some
 from mbaid_ros.core.geometry import Array, exp
-from mbaid_ros.core.noise import Differences, FoundLevels, LevelEstimator, NoiseEstimator
+from mbaid_ros.core.noise import Differences, FoundLevels, LevelEstimator, NoiseEstimator, NoiseLevels
 from mbaid_ros.core.odometry.stream import usable_covariance
 from mbaid_ros.core.pipeline import Synchroniser
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
@@ -231,6 +231,20 @@ def test_joints_that_are_far_better_than_declared_are_warned_of(declared: float,
     noise.add_readings(joints, base)
     warnings = noise.with_noise(window(joints, base), BEGIN)[1].warnings
     assert any(text.startswith('noise.joint_position is 0.03 rad') for text in warnings) == warned
+
+
+@pytest.mark.parametrize(
+    ('declared', 'found', 'replaced', 'another'),
+    [(1e-3, 0.97, True, True), (1e-3, 0.2, True, False), (1e-3, 5.0, True, False), (1e-3, 0.97, False, False)],
+)
+def test_positions_a_thousand_times_as_noisy_as_declared_are_in_another_unit(
+    declared: float, found: float, *, replaced: bool, another: bool
+) -> None:
+    nothing, of_position = np.full(6, np.nan), np.arange(6) == 2
+    given, read = (np.where(of_position, value, np.nan) for value in (declared, found))
+    levels = NoiseLevels(given, read, nothing, 0.0, of_position, contradicted=of_position & replaced)
+    assert levels.in_another_unit == another
+    assert not NoiseLevels(nothing, nothing, nothing, 0.0, of_position).in_another_unit
 
 
 STEP, SIZE = 0.01, 1e-3  # s, m

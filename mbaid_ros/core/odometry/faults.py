@@ -484,6 +484,7 @@ def _scalar_first(knots: Knots) -> Knots:
     return replace(knots, base_rotation=rotation_from_quaternion(np.roll(quaternion, -1, axis=-1)))
 
 
+MILLIMETRES = 'the position of the odometry is in millimetres: in ROS it is in metres'
 _POSES: tuple[tuple[str, Callable[[Knots], Knots], float, Conversion], ...] = (
     (
         'the orientation of the odometry is the inverse: in ROS it rotates from the base to the odometry frame',
@@ -498,7 +499,7 @@ _POSES: tuple[tuple[str, Callable[[Knots], Knots], float, Conversion], ...] = (
         Conversion(pose='w first'),
     ),
     (
-        'the position of the odometry is in millimetres: in ROS it is in metres',
+        MILLIMETRES,
         lambda knots: replace(knots, base_position=_MILLIMETRE * knots.base_position),
         _FAR_BASE,
         Conversion(scale=_MILLIMETRE),

@@ -122,7 +122,8 @@ def with_reasons(estimate: Estimate, reasons: Sequence[Reason]) -> Estimate:
             withheld = len(warnings)
         elif reason.severity != 'note':
             status = 'inconsistent'
-        if reason.gain is not None and (causes or status == 'inconsistent'):
+        if reason.gain is not None and (causes or withheld or status == 'inconsistent'):
+            causes = tuple(each for each in causes if each[0] != reason.text)
             place = int(_follows(reason, causes, remedies))
             causes = (*causes[:place], (reason.text, reason.gain), *causes[place:])
             remedies |= {} if reason.repair is None else {reason.text: reason.repair}

@@ -311,6 +311,14 @@ def test_a_twist_that_seems_wrong_follows_from_wrong_poses(
     assert [cause for cause, _ in found.causes] == [first, *({'poses', 'twist'} - {first})]
 
 
+def test_a_contradiction_with_a_size_is_the_cause_of_numbers_that_are_withheld_and_stands_once() -> None:
+    certain = Reason('in millimetres', 'contradiction', gain=1e6)
+    found = with_reasons(UNKNOWN, [certain, Reason('by the way')])
+    assert found.likely_causes == (('in millimetres', 1e6),)
+    again = with_reasons(replace(PUBLISHED, causes=(('a link', 20.0), ('in millimetres', 30.0))), [certain])
+    assert again.causes == (('in millimetres', 1e6), ('a link', 20.0))
+
+
 def test_a_note_is_a_cause_only_where_there_are_others_and_a_conflict_always() -> None:
     note, conflict = Reason('turned', gain=7.0), Reason('in degrees', 'conflict', gain=5.0)
     assert with_reasons(PUBLISHED, [note]).causes == ()
