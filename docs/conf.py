@@ -36,7 +36,7 @@ autosummary_generate = True
 autodoc_default_options = {'members': True, 'member-order': 'bysource', 'show-inheritance': True}
 autodoc_typehints = 'description'
 autodoc_typehints_format = 'short'
-autodoc_type_aliases = {name: name for name in ('Array', 'Flags', 'Integers', 'Status')}
+autodoc_type_aliases = {name: name for name in ('Array', 'Flags', 'Integers')}
 autodoc_mock_imports = ['rclpy', 'mbaid_msgs']  # their libraries are found by a sourced ROS environment only
 napoleon_google_docstring = False
 
