@@ -39,6 +39,7 @@ _SHORT, _BATCHED = 0.2, 0.4  # part of the mean interval that is short; share of
 _STEP = 50_000_000  # ns, that a clock is set by at least: less is jitter, or messages that overtake each other
 _LONGEST = 200_000_000  # ns between readings around a step: of slower ones the motion is not known
 _EVEN = 0.5  # part of the usual interval, that those around a step differ by: others are no regular stamps
+_REGULAR = 0.02  # the same around a step of less than _STEP: jitter makes a short interval after a long one
 _GAP = 5.0  # usual intervals that make a gap
 _STEADY, _MISSING = 0.2, 0.3  # part by which the speed changes over a gap, and of its motion that is there at most
 _PLAIN = 50.0  # standard deviations that a gap's motion should be at least
@@ -252,7 +253,8 @@ class StampPattern:
         self._position = np.concatenate((self._position, position))
         interval = np.diff(self._stamp)
         usual = np.maximum(_STEP, _GAP * np.concatenate((interval[:1], interval[:-1])))
-        for place in np.flatnonzero((interval < -_STEP) | (interval > usual)).tolist():
+        early = (interval != 0) & (interval < _EVEN * np.concatenate((interval[:1], interval[:-1])))
+        for place in np.flatnonzero((interval < -_STEP) | (interval > usual) | early).tolist():
             if _AROUND - 1 <= place <= len(interval) - _AROUND and begin + place > _PATTERN:
                 yield from self._step(place, (int(self._stamp[place]) - self._first) / (begin + place))
         keep = 2 * _AROUND - 1
@@ -298,11 +300,12 @@ class StampPattern:
         around = np.diff(self._stamp[place - _AROUND + 1 : place + _AROUND + 1]).astype(float)
         step = float(around[_AROUND - 1])
         around = np.delete(around, _AROUND - 1)
-        if usual <= 0.0 or np.any(around > _LONGEST) or np.any(np.abs(around - usual) > _EVEN * usual):
+        even = _EVEN if abs(step) > _STEP else _REGULAR
+        if usual <= 0.0 or np.any(around > _LONGEST) or np.any(np.abs(around - usual) > even * usual):
             return
         at = 1e-9 * (int(self._stamp[place]) - self._first)
         since = int(max(self._stamp[place], self._stamp[place + _AROUND]))  # windows before a step back are out already
-        if step < 0.0:
+        if step < _EVEN * usual:
             back = 1e-9 * (float(np.mean(around)) - step)
             text = (
                 f'the stamps of {self._what} went back by {back:.2g} s at {at:.1f} s: a clock was set; readings '

@@ -306,3 +306,20 @@ def test_rounded_stamps_are_named(step: int, how: str, pieces: int) -> None:
     estimate = found(motion(0), pieces, stamps=SPACING * np.arange(COUNT) // step * step)
     assert how in estimate.warnings[0]
     assert not found(motion(0), pieces).warnings
+
+
+@pytest.mark.parametrize('pieces', [1, 7])
+@pytest.mark.parametrize(
+    ('back', 'jitter', 'named'), [(1.0, 0.0, True), (0.6, 0.005, True), (0.3, 0.0, False), (1.0, 0.3, False)]
+)
+def test_a_clock_that_creeps_and_is_set_back_by_a_part_of_an_interval_is_named(
+    pieces: int, back: float, jitter: float, named: bool
+) -> None:
+    """As one that is synchronised now and then; what comes early after it came late is jitter."""
+    errors = 0.5 * jitter * np.random.default_rng(1).uniform(-1.0, 1.0, COUNT)
+    late = back * (np.arange(COUNT) % 200) / 200.0
+    stamps = np.round(SPACING * (np.arange(COUNT) + late + errors)).astype(np.int64)
+    estimate = found(motion(0), pieces, stamps=stamps)
+    assert any('the joint states went back by' in text for text in estimate.warnings) == named
+    copies = np.repeat(SPACING * np.arange(COUNT), 1 + (np.arange(COUNT) % 100 == 50))[:COUNT]
+    assert not any('went back' in text for text in found(motion(0), pieces, stamps=copies).warnings)
