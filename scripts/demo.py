@@ -19,6 +19,7 @@ from mbaid_ros.errors import DataError
 
 TOLERANCE = 1.0  # %, of the truth
 ROW_PERIOD = 2.0  # s of simulated time between two rows of the table
+LAST_WINDOWS = 1.0  # s before the end of the run, after which the last estimate comes
 COLUMN = 24
 # Parameters that a planar motion determines: name, unit, decimals, value of a geometry_msgs/Inertia.
 PARAMETERS: tuple[tuple[str, str, int, Callable[[Any], float]], ...] = (
@@ -71,9 +72,15 @@ def watch(demo: Demo, bag: Path, duration: float, speed: float) -> tuple[Any, An
     names = ''.join(f'{f"{name} ({unit})":>{COLUMN}}' for name, unit, _, _ in PARAMETERS)
     values = ''.join(f'{value(truth):>{COLUMN - 11}.{digits}f}{"":11}' for _, _, digits, value in PARAMETERS)
     print(f'{"time":>8}  {"status":<16}{names}\n{"":8}  {"truth":<16}{values}'.rstrip(), flush=True)
-    due, last, printed = ROW_PERIOD, None, None
-    while simulator.running or demo.estimates:
-        demo.wait(lambda: demo.estimates or not simulator.running, 'an estimate')
+    due, printed = ROW_PERIOD, None
+    last: Any = None
+
+    def is_over() -> bool:
+        """Return whether no estimate is to come: the estimator may be behind the simulator."""
+        return not simulator.running and (last is None or last.stale or seconds(last) > duration - LAST_WINDOWS)
+
+    while demo.estimates or not is_over():
+        demo.wait(lambda: demo.estimates or is_over(), 'an estimate')
         for estimate in [each for each in demo.estimates if each.status != 'waiting']:
             last = estimate
             if seconds(estimate) >= due - 0.1:

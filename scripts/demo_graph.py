@@ -17,13 +17,12 @@ from mbaid_ros.errors import DataError
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'config'
-PATIENCE = 60.0  # s, for a process to appear on the graph or to end
 sys.path.insert(0, str(ROOT / 'test'))
 
-from graph import Graph, Process, graph  # noqa: E402 - from the tests, which are no package
+from graph import PATIENCE, Graph, Process, graph  # noqa: E402 - from the tests, which are no package
 from simulated import assigned  # noqa: E402
 
-__all__ = ['CONFIG', 'ROOT', 'Demo', 'Graph', 'assigned', 'graph', 'running']
+__all__ = ['CONFIG', 'PATIENCE', 'ROOT', 'Demo', 'Graph', 'assigned', 'graph', 'running']
 
 
 class Demo:
