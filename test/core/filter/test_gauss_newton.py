@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import TypeVar
+from types import SimpleNamespace
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from checked import some
 from floating import make
 from mbaid_ros.core.contracts import UNDISTURBED, in_stacks
 from mbaid_ros.core.filter.gauss_newton import BatchIteration, MultiStart, Start
-from mbaid_ros.core.filter.hypotheses import HypothesisFilter
+from mbaid_ros.core.filter.hypotheses import MARGIN, HypothesisFilter
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.filter.run import FIRST, Phase, Run
 from mbaid_ros.core.geometry import Array
@@ -139,3 +140,32 @@ def test_it_is_asked_once_the_body_is_better_known_and_kept_until_windows_are_li
     taken_over(run, filtered, young.point, covariance)
     displaced.append(run._is_displaced)
     assert displaced == [True, True, False]
+
+
+@pytest.mark.parametrize(('lead', 'leads'), [(0.5 * MARGIN, False), (5.0 * MARGIN, True)])
+def test_another_hypothesis_leads_a_start_if_it_is_far_likelier_at_its_own_solution(lead: float, leads: bool) -> None:
+    def filtered(hypothesis: str, likelihood: float) -> Any:
+        gaussian = SimpleNamespace(log_likelihood=likelihood)
+        return SimpleNamespace(hypothesis=hypothesis, gaussian=gaussian, misfit=-2.0 * likelihood)
+
+    def finished(value: Any) -> Work[Any]:
+        yield 1
+        return value
+
+    quiet, pushed = filtered('quiet', 0.0), filtered('pushed', lead)
+    place: Any = SimpleNamespace(linearised_at=None, windows=None, point=None)
+    result: Any = SimpleNamespace(**vars(place), filtered=quiet, mass_held=True, consistent=False)
+    other: Any = SimpleNamespace(**vars(place), filtered=pushed, acceptable=True, consistent=True)
+    banks = iter([(pushed,), (quiet, pushed)])
+    asked: list[str] = []
+    batch = SimpleNamespace(
+        priors=lambda *_, **__: (),
+        filter=lambda *_: finished(next(banks)),
+        prior_at=lambda hypothesis, _: asked.append(hypothesis),
+        converge=lambda *_: finished(other),
+    )
+    quiet.longest_jump = 2
+    search: Any = SimpleNamespace(hypotheses=('quiet', 'pushed'), batch=batch, _is_hardly_shifted=lambda _: False)
+    found = returned(MultiStart._choose_hypothesis(search, [], result))
+    assert found == ((other if leads else result), (quiet, pushed), leads)
+    assert asked == (['pushed'] if leads else [])
