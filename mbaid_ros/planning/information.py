@@ -126,7 +126,8 @@ class Information:
         own = distribution.factor_of(self._jacobian @ self._known.variables.to_state[BODY])
         layout = self._known.layout
         variances = distribution.contributions(own, layout).T ** 2 @ layout.belongs
-        return layout.causes, variances / np.maximum(np.sum(own**2, axis=1, keepdims=True), np.finfo(float).tiny)
+        shares = variances / np.maximum(np.sum(own**2, axis=1, keepdims=True), np.finfo(float).tiny)
+        return layout.causes, np.minimum(shares, 1.0)  # numbers further off than declared have more than their prior's
 
     def _posteriors(
         self, grid: Grid, joints: tuple[Array, Array], base: BaseMotion

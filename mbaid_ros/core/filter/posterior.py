@@ -29,6 +29,9 @@ _KIND, _THING, _PART = (0.05, 0.05), (0.01, 0.2), (0.05, 0.1)
 _SURE = 0.9  # probability that something is further off than declared, from which that is reported
 # Of a standard deviation, which a cause is tried with: the likelihood is flat enough for steps of three.
 _FACTORS = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
+# Times that from which a factor is the rarer, and by which power: of a number that the data hardly observe all factors
+# are as likely, and the largest ones would lead.
+_OFTEN, _RARER = 10.0, 2.0
 # Times a standard deviation, among which the likeliest is looked for: finer than for causes, as intervals depend on
 # it.
 _SIZES = (1.25, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0, 16.0, 25.0, 40.0, 63.0, 100.0)
@@ -108,17 +111,17 @@ class PriorComparison:
         if not larger.any():
             nothing = np.zeros(larger.shape)
             return nothing + 1.0, nothing, nothing
-        most, factor = self._largest(_SIZES)
+        most, factor = self._largest(_SIZES, _RARER * np.log(np.maximum(np.array(_SIZES) / _OFTEN, 1.0)))
         odds = too_small * np.exp(np.minimum(most, 100.0))
         chance = np.maximum(0.0, (odds / (1.0 - too_small + odds) - doubt) / (1.0 - doubt))
         chance = np.where(larger, chance, 0.0)
         return np.sqrt(1.0 + chance * (factor**2 - 1.0)), chance, np.where(larger, np.maximum(most, 0.0), 0.0)
 
-    def _largest(self, factors: Sequence[float]) -> tuple[Array, Array]:
+    def _largest(self, factors: Sequence[float], rarer: Array | float = 0.0) -> tuple[Array, Array]:
         k = np.array(factors)[:, None]
         less = 1.0 - k**-2
         mean, left = self.mean[..., None, :], 1.0 - less * self.variance[..., None, :]
-        gains = 0.5 * np.add.reduce(less * mean**2 / left - np.log(left) - 2.0 * np.log(k), axis=-1)
+        gains = 0.5 * np.add.reduce(less * mean**2 / left - np.log(left) - 2.0 * np.log(k), axis=-1) - rarer
         return np.asarray(gains.max(axis=-1)), k[gains.argmax(axis=-1), 0]
 
 

@@ -76,8 +76,8 @@ class OdometryConfig:
     """Standard deviation of the angular velocity of the odometry's frame about each axis, as of one that turns with an
     orbit which orbit.* do not declare; 0: it does not turn."""
     scale_std: float = parameter(0.001, minimum=0.0, maximum=0.1)
-    """Relative standard deviation of the odometry's length scale, as from a calibration by a wand; a stereo camera has
-    .01; 0: exact."""
+    """Relative standard deviation of the odometry's length scale, as from motion capture; a bar of known length
+    gives .0002, a stereo camera has .01; 0: exact."""
     angular_velocity_bias_std: float = parameter(1e-4, 'rad/s', minimum=0.0)
     """Standard deviation of the bias of the odometry's angular velocity about each axis of the base, if a gyro measures
     it: 10 deg/h are 5e-5 rad/s; 0: exact."""
