@@ -111,7 +111,7 @@ def test_many_bags_lead_to_what_each_leads_to_alone(
 
 def test_runs_of_one_robot_add_up(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     """With --continue the second run begins from the first; so does a run that is given the first one's JSON."""
-    begun, after = (str(recorded.papers_case(tmp_path / f'{length:g}_s', length, 20.0)) for length in (14.0, 12.0))
+    begun, after = (str(recorded.papers_case(tmp_path / f'{length:g}_s', length, 20.0)) for length in (20.0, 15.0))
     result = tmp_path / 'first.json'
     replay([begun, after, '--model', MODEL, '--continue', '--json', '-'])
     first, second = json.loads(capsys.readouterr().out)
