@@ -219,3 +219,11 @@ def test_the_example_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.Monkey
     assert result.mass == pytest.approx(162.0, abs=8.0)
     assert f'[{result.mass:.1f} ± {BAND * result.std[0]:.1f} kg](docs/how-to/python.md)' in README.read_text()
     assert (tmp_path / 'python.svg').stat().st_size > 10_000
+
+
+@pytest.mark.filterwarnings('error::RuntimeWarning')
+def test_readings_of_nothing_that_moves_have_a_status_and_no_warning_of_numpy() -> None:
+    time, upright = 0.01 * np.arange(400), np.tile([0.0, 0.0, 0.0, 1.0], (400, 1))
+    found = identify(URDF, time, np.zeros((400, 7)), time, np.zeros((400, 3)), upright)
+    assert found.status == 'not_identifiable'
+    assert np.isnan(found.mass)

@@ -392,7 +392,7 @@ class Reporting:
         residual = float(np.sqrt(max(solution.cost, 0.0) / max(solution.redundancy, 1)))
         published = jacobian @ covariance @ jacobian.T + remainder
         reasons = [*self._reasons(identifiable, linear, residual, correction, solution)]
-        if not identifiable.any():
+        if not identifiable.any() and parameters[0] != 0.0:  # zero in readings of nothing that moves
             reasons += self._uncertain_mass(float(np.sqrt(published[0, 0]) / abs(parameters[0])))
         parameters[~identifiable] = np.nan
         published[~(identifiable[:, None] & identifiable)] = np.nan
