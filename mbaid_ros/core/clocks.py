@@ -252,9 +252,10 @@ class StampPattern:
         self._stamp = np.concatenate((self._stamp, stamp))
         self._position = np.concatenate((self._position, position))
         interval = np.diff(self._stamp)
-        usual = np.maximum(_STEP, _GAP * np.concatenate((interval[:1], interval[:-1])))
-        early = (interval != 0) & (interval < _EVEN * np.concatenate((interval[:1], interval[:-1])))
-        for place in np.flatnonzero((interval < -_STEP) | (interval > usual) | early).tolist():
+        before = np.concatenate((interval[:1], interval[:-1]))
+        gap = interval > np.maximum(_STEP, _GAP * before)
+        early = (interval != 0) & (interval < _EVEN * before)
+        for place in np.flatnonzero((interval < -_STEP) | gap | early).tolist():
             if _AROUND - 1 <= place <= len(interval) - _AROUND and begin + place > _PATTERN:
                 yield from self._step(place, (int(self._stamp[place]) - self._first) / (begin + place))
         keep = 2 * _AROUND - 1

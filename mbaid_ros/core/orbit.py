@@ -370,7 +370,7 @@ def likeliest_orbit(factor: Array, mean: Array, covariance: Array) -> Orbit | No
     """
     variance, directions = np.linalg.eigh(covariance)
     variance = np.clip(variance, 1e-9, 1.0 - 1e-9)
-    weight = np.sqrt(1.0 / variance - 1.0)  # of what the data alone say along each direction
+    weight = np.sqrt(1.0 / variance - 1.0)  # of the data without the prior, along each direction
     wanted = weight * (directions.T @ mean) / (1.0 - variance)
     back = weight[:, None] * directions.T @ np.linalg.inv(factor)
     gradient, change = np.tensordot((factor @ mean).reshape(2, 5), _TRACELESS, 1)

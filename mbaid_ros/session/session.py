@@ -636,7 +636,7 @@ class Session:
         try:
             return self._segment.identifier.estimator.tasks.run_slice()
         except UNSOLVABLE as error:
-            self._start_again(self._unsolved(error))
+            self._end(error)
             return False
 
     def capture(self) -> str:
@@ -723,14 +723,14 @@ class Session:
         self.queue.confirm_jump(name, message)
         return True
 
-    def _start_again(self, reason: str) -> None:
-        """Begin a new segment."""
+    def _start_again(self, reason: str, *, carried: bool = False) -> None:
+        """Begin a new segment; a reason that holds for it as well is carried on, before its own warnings."""
         self._earlier += self._segment.dropped
         self._replaced_earlier = self.replaced
         self._used_earlier += self.collected
         self.restarts = [*self.restarts[1 - _RESTARTS_KEPT :], f'{reason}; started again']
         self.restarted += 1
-        self._carried = tuple(self.restarts[-1:]) if self._blamed and self._blamed in reason else ()
+        self._carried = tuple(self.restarts[-1:]) if carried else ()
         self._recording.forget(kept=self._repairs_wanted)
         self._latest = -1
         self._begin()
@@ -755,7 +755,7 @@ class Session:
         try:
             estimates = self._recording.next()(self._segment)
         except UNSOLVABLE as error:
-            self._start_again(self._unsolved(error))
+            self._end(error)
             return []
         self._blamed = next((cause for each in estimates[::-1] for cause, _ in each.likely_causes), self._blamed)
         if not self._repairs_wanted:
@@ -776,10 +776,10 @@ class Session:
         texts = (*map(str, self.repairs), *self._carried)
         return [replace(each, warnings=(*texts, *each.warnings)) for each in estimates] if texts else estimates
 
-    def _unsolved(self, error: Exception) -> str:
-        """Return why a run has come to its end, with what contradicted it: that is wrong for the next one as well."""
+    def _end(self, error: Exception) -> None:
+        """End a run that has no solution, and begin the next; what contradicted it is wrong for that one as well."""
         before = f'; likeliest before: {self._blamed}' if self._blamed else ''
-        return f'the equations could not be solved ({error}){before}'
+        self._start_again(f'the equations could not be solved ({error}){before}', carried=bool(self._blamed))
 
     def _repair(self, repair: Repair) -> bool:
         """Start the run again with one more repair; return whether its parameters can be used."""

@@ -174,7 +174,7 @@ def test_the_quality_of_service_follows_parameters_and_publishers(graph: Graph) 
     send, messages = sensors(graph, best_effort=True), iter(run('table1', 16.0))
 
     def are_there() -> bool:
-        send(islice(messages, 20))  # a few at a time: best effort loses what nobody takes
+        send(islice(messages, 20))  # a few at a time: best effort loses messages that are not taken in time
         return len(made(estimates)) >= 3
 
     graph.wait(are_there, 'estimates')

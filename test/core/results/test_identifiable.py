@@ -78,12 +78,12 @@ def test_what_is_well_determined_is_published_with_its_covariance() -> None:
     assert estimate.warnings == ()
 
 
-@pytest.mark.parametrize(('relative', 'told'), [(0.09, False), (0.2, True), (0.6, False)])
+@pytest.mark.parametrize(('relative', 'warned'), [(0.09, False), (0.2, True), (0.6, False)])
 def test_a_mass_that_is_nearly_known_well_enough_is_the_reason_why_nothing_is_published(
-    relative: float, told: bool
+    relative: float, warned: bool
 ) -> None:
     text = f'the mass is known to {100.0 * relative:.3g} % (standard deviation), and numbers are published from 10 % on'
-    assert any(warning.startswith(text) for warning in report(solution(relative)).warnings) is told
+    assert any(warning.startswith(text) for warning in report(solution(relative)).warnings) is warned
 
 
 CUBE = np.array([9.0, 0.03, 0.0, 0.1, 0.06, 0.0, 0.0, 0.06, 0.0, 0.06])  # 20 cm
