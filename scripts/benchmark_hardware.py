@@ -1,16 +1,17 @@
-"""Print the table of measured/hardware.md: intervals of recordings of real hardware, beside what was measured.
+"""Write the table of measured/hardware.md: intervals of recordings of real hardware, beside what was measured.
 
-    make benchmark-hardware ARGS=CLONES
+    make benchmark-hardware ARGS="--clones CLONES --store FOLDER"
 
 CLONES is a folder with clones of the repositories that measured/hardware.md names. Nothing is fetched: missing logs
-are printed. The recording in bags/ needs no clone.
+are printed. The recording in bags/ needs no clone. FOLDER keeps finished runs of a commit; the same command goes on.
 """
 
-import argparse
 import json
-from collections.abc import Iterator, Mapping, Sequence
+import subprocess
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
+from functools import partial
 from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,7 +20,9 @@ import numpy as np
 
 from benchmark_iss import weighed as station
 from benchmarks.fan_platform import MASS, read_fan_platform
-from benchmarks.frame import PUBLISHED, replace_marked, table
+from benchmarks.frame import PUBLISHED, Frame, Runs
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import BAND
 from mbaid_ros.errors import MbaidError
 from mbaid_ros.recordings.convert import main as convert
 from mbaid_ros.recordings.iss import read_iss
@@ -28,30 +31,22 @@ from mbaid_ros.recordings.spot import COMMANDS_FILE
 from mbaid_ros.recordings.spot_captures import WEIGHED
 from mbaid_ros.replay.arguments import replay
 
-BAG = Path(__file__).parents[1] / 'bags' / 'air_bearing_thrusters'
-BAND = 1.96
+ROOT = Path(__file__).resolve().parents[1]
+BAG = ROOT / 'bags' / 'air_bearing_thrusters'
+MOST = 99  # recordings of a row, more than any has
+HEADER = (
+    'recording', 'truth', 'runs', 'settled with', 'published', 'numbers that hold', 'width', 'published with `repair`',
+    'hold', 'width',
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """The result of a run."""
+class Result:
+    """The result of a replay."""
 
-    status: str
+    status: str = ''  # empty: not tried
     values: Mapping[str, tuple[float, float]] = field(default_factory=dict)  # published, with standard deviations
     causes: tuple[str, ...] = ()
-
-    @property
-    def published(self) -> bool:
-        """Whether there is an interval that may be relied on."""
-        return self.status in PUBLISHED and bool(self.values)
-
-    def deviations(self, truth: Mapping[str, Sequence[float]]) -> list[float]:
-        """Return by how many standard deviations each number is off, from the measurement that is furthest."""
-        return [
-            max(abs(value - each) / std for each in truth[name])
-            for name, (value, std) in self.values.items()
-            if name in truth
-        ]
 
     def __str__(self) -> str:
         """Return it in a line."""
@@ -59,7 +54,24 @@ class Outcome:
         return '; '.join((self.status, *shown, *self.causes))
 
 
-Pair = tuple[Outcome, Outcome | None]  # without repair, and with it; None where there is no repair
+@dataclass(frozen=True)
+class Outcome(Runs):
+    """Results of recordings, each without `repair` and with it, of k numbers that were measured."""
+
+    status: Array  # (2,) '' where it was not tried
+    value: Array  # (2, k) NaN: not published
+    std: Array  # (2, k)
+    shown: Array  # () in words
+
+    @staticmethod
+    def of_results(name: str, names: Iterable[str], own: Result, repaired: Result) -> 'Outcome':
+        """Return the outcome of one recording."""
+        pair, none = (own, repaired), (np.nan, np.nan)
+        numbers = np.array([[each.values.get(number, none) for number in names] for each in pair])
+        words = f'{name}: {own}'
+        if repaired.status and repaired is not own:
+            words += f'\n    with repair: {repaired}'
+        return Outcome(np.array([each.status for each in pair]), numbers[..., 0], numbers[..., 1], np.array(words))
 
 
 @dataclass(frozen=True)
@@ -76,25 +88,6 @@ class Recordings:
     parameters: tuple[str, ...] = ()  # NAME:=VALUE, beside the file's
     width: str = 'mass'  # number whose interval the table shows
 
-    def pairs(self, clones: Path, folder: Path) -> Iterator[Pair]:
-        """Return the results, and print missing logs."""
-        for place, log in enumerate(self.found(clones)):
-            bag, name = folder / f'log_{place}', f'{log.parent.name}/{log.stem}'
-            if said := self.converted(log, bag, clones):
-                print(f'{name}: refused: {said.rpartition(str(log))[2]}', flush=True)
-                yield Outcome('refused'), None
-            else:
-                yield self.shown_pair(name, bag, folder)
-
-    def converted(self, log: Path, bag: Path, clones: Path) -> str:
-        """Make a bag of a log; return why `convert` refuses, empty if it does not."""
-        arguments = [self.form, str(log), '--output', str(bag)]
-        commands = next(iter(sorted(clones.rglob(COMMANDS_FILE))), None)
-        if self.form == 'spot-2021' and commands is not None:
-            arguments += ['--commands', str(commands)]
-        with redirect_stdout(StringIO()), redirect_stderr(StringIO()) as said:
-            return said.getvalue().strip() if convert(arguments) else ''
-
     def found(self, clones: Path) -> list[Path]:
         """Return the logs, each run once, wherever it lies; print the patterns that have none."""
         found: dict[tuple[str, str], Path] = {}
@@ -106,14 +99,32 @@ class Recordings:
                 found.setdefault((log.parent.name, log.stem), log)
         return list(found.values())
 
-    def shown_pair(self, name: str, bag: Path, folder: Path) -> Pair:
-        """Return the results of a bag without and with `repair`, which changes nothing where there is an interval."""
-        own = self.outcome(bag, folder, repair=False)
-        pair = own, own if own.published else self.outcome(bag, folder, repair=True)
-        print(f'{name}: {pair[0]}' + ('' if own.published else f'\n    with repair: {pair[1]}'), flush=True)
-        return pair
+    def outcome(self, log: Path, place: int, folder: Path, clones: Path) -> Outcome:
+        """Return the outcome of the log at a place in the list."""
+        del place
+        name, bag = f'{log.parent.name}/{log.stem}', folder / 'log'
+        if said := self.converted(log, bag, clones):
+            refused = Result('refused', causes=(said.rpartition(str(log))[2].lstrip("' "),))
+            return Outcome.of_results(name, self.truth, refused, Result())
+        return self.outcome_of_bag(name, bag, folder)
 
-    def outcome(self, bag: Path, folder: Path, *, repair: bool) -> Outcome:
+    def converted(self, log: Path, bag: Path, clones: Path) -> str:
+        """Make a bag of a log; return why `convert` refuses, empty if it does not."""
+        arguments = [self.form, str(log), '--output', str(bag)]
+        commands = next(iter(sorted(clones.rglob(COMMANDS_FILE))), None)
+        if self.form == 'spot-2021' and commands is not None:
+            arguments += ['--commands', str(commands)]
+        with redirect_stdout(StringIO()), redirect_stderr(StringIO()) as said:
+            return said.getvalue().strip() if convert(arguments) else ''
+
+    def outcome_of_bag(self, name: str, bag: Path, folder: Path) -> Outcome:
+        """Return the outcome of a bag; `repair` changes nothing where there is an interval."""
+        own = self.replayed(bag, folder, repair=False)
+        published = own.status in PUBLISHED and own.values
+        repaired = own if published else self.replayed(bag, folder, repair=True)
+        return Outcome.of_results(name, self.truth, own, repaired)
+
+    def replayed(self, bag: Path, folder: Path, *, repair: bool) -> Result:
         """Return the result of a replay of a bag with the robot and the parameters in its folder."""
         result = folder / 'result.json'
         result.unlink(missing_ok=True)
@@ -123,7 +134,7 @@ class Recordings:
         with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
             replay([*map(str, arguments), *(['--repair'] if repair else [])])
         if not result.exists():
-            return Outcome('nothing')
+            return Result('nothing')
         found = json.loads(result.read_text(encoding='utf-8'))
         values, stds = ({'mass': (part := found[key] or {}).get('mass'), **(part.get('inertia') or {})}
                         for key in ('estimate', 'std'))  # fmt: skip
@@ -132,17 +143,22 @@ class Recordings:
             for name, value in values.items()
             if name in self.truth and value is not None and stds.get(name) is not None
         }
-        return Outcome(found['status'], numbers, tuple(each['cause'] for each in found['repairs'] or found['causes']))
+        return Result(found['status'], numbers, tuple(each['cause'] for each in found['repairs'] or found['causes']))
 
 
 @dataclass(frozen=True)
 class Shipped(Recordings):
     """The recording in bags/."""
 
-    def pairs(self, clones: Path, folder: Path) -> Iterator[Pair]:
-        """Return its result."""
+    def found(self, clones: Path) -> list[Path]:
+        """Return its bag."""
         del clones
-        yield self.shown_pair(self.name, BAG, folder)
+        return [BAG]
+
+    def outcome(self, log: Path, place: int, folder: Path, clones: Path) -> Outcome:
+        """Return its outcome."""
+        del place, clones
+        return self.outcome_of_bag(self.name, log, folder)
 
 
 @dataclass(frozen=True)
@@ -162,25 +178,24 @@ class Station(Recordings):
 
     windows: tuple[tuple[float, float], ...] = ()
 
-    def pairs(self, clones: Path, folder: Path) -> Iterator[Pair]:
-        """Return the moments of all bodies in each window, by `calibrate`, which has no repair."""
+    def found(self, clones: Path) -> list[Path]:
+        """Return the folder of the telemetry, once for each window."""
         archive = next((each.parent for each in sorted(clones.rglob('USLAB000018.txt'))), None)
         if archive is None:
             print(f'missing: {self.name}: USLAB000018.txt')
-            return
-        for place, window in enumerate(self.windows):
-            try:
-                found = station(read_iss(archive, *window), folder / f'iss{place}')
-            except MbaidError as error:
-                print(f'station {window}: {error}')
-                found = None
-            if found is None:
-                outcome = Outcome('refused')
-            else:
+        return [] if archive is None else [archive] * len(self.windows)
+
+    def outcome(self, log: Path, place: int, folder: Path, clones: Path) -> Outcome:
+        """Return the moments of all bodies in a window, by `calibrate`, which has no repair."""
+        del clones
+        result = Result('refused')
+        try:
+            if (found := station(read_iss(log, *self.windows[place]), folder)) is not None:
                 numbers = zip(self.truth, found[0] / 1e6, found[1] / 1e6, strict=True)
-                outcome = Outcome('estimating', {name: (value, std) for name, value, std in numbers})
-            print(f'station {window}: {outcome}', flush=True)
-            yield outcome, None
+                result = Result('estimating', {name: (value, std) for name, value, std in numbers})
+        except MbaidError as error:
+            result = Result('refused', causes=(str(error),))
+        return Outcome.of_results(f'station {self.windows[place]}', self.truth, result, Result())
 
 
 _MARCH = 'ExperimentData_RED_2021_3_6_{}/*{}__stitched.mat'
@@ -293,53 +308,63 @@ ALL = (
 )
 
 
-def cells(found: Sequence[Outcome], recordings: Recordings) -> list[str]:
+def cells(found: Outcome, which: int, recordings: Recordings) -> list[str]:
     """Return how many are published, how many of their numbers hold, the largest deviation, and the median width."""
-    published = [each for each in found if each.published]
-    if not published:
+    value, std = found.value[:, which], found.std[:, which]
+    published = np.isin(found.status[:, which], PUBLISHED) & np.isfinite(value).any(axis=1)
+    if not published.any():
         return ['0', '-', '-']
-    off = [each for one in published for each in one.deviations(recordings.truth)]
-    held = f'{sum(each < BAND for each in off)} of {len(off)}, off by at most {max(off):.1f} std'
-    widths = [std / abs(value) for one in published for name, (value, std) in one.values.items()
-              if name == recordings.width]  # fmt: skip
-    return [f'{len(published)}', held, f'± {100.0 * BAND * np.median(widths):.0f} %' if widths else '-']
-
-
-def row(recordings: Recordings, found: Sequence[Pair]) -> list[str]:
-    """Return a line of the table."""
-    repaired = [each for _, each in found if each is not None]
+    off = np.concatenate([
+        np.max(np.abs(np.array(each)[:, None] - value[published, place]) / std[published, place], axis=0)
+        for place, each in enumerate(recordings.truth.values())
+    ])  # fmt: skip
+    off = off[np.isfinite(off)]
+    shown = list(recordings.truth).index(recordings.width)
+    widths = (std / np.abs(value))[published, shown]
     return [
-        recordings.name,
-        recordings.shown,
-        str(len(found)),
-        recordings.settled,
-        *cells([own for own, _ in found], recordings),
-        *(cells(repaired, recordings) if repaired else ['-', '-', '-']),
+        f'{published.sum()}',
+        f'{np.sum(off < BAND)} of {len(off)}, off by at most {off.max():.1f} std',
+        f'± {100.0 * BAND * np.nanmedian(widths):.0f} %' if np.isfinite(widths).any() else '-',
     ]
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Print the table, a line for each recording, and the missing logs."""
-    parser = argparse.ArgumentParser(description='Intervals of recordings of real hardware.')
-    parser.add_argument('clones', type=Path, nargs='?', default=Path(), help='a folder of clones')
-    parser.add_argument('--only', default='', metavar='TEXT', help='recordings whose names hold this')
-    parser.add_argument('--output', type=Path, metavar='FOLDER', help='docs: write the table into its page, too')
-    arguments = parser.parse_args(argv)
-    rows = []
-    for place, recordings in enumerate(each for each in ALL if arguments.only in each.name):
-        with TemporaryDirectory() as name:
-            folder = Path(name) / str(place)
-            folder.mkdir()
-            found = list(recordings.pairs(arguments.clones, folder))
-        if found:
-            rows.append(row(recordings, found))
-    heads = ['recording', 'truth', 'runs', 'settled with', 'published', 'numbers that hold', 'width']
-    text = table([*heads, 'published with `repair`', 'hold', 'width'], rows)
-    print(text)
-    if arguments.output is not None:
-        replace_marked(arguments.output / 'measured' / 'hardware.md', 'hardware', text)
-    return 0
+def row(recordings: Recordings, found: Outcome) -> list[str]:
+    """Return a line of the table."""
+    repaired = cells(found, 1, recordings) if np.any(found.status[:, 1] != '') else ['-', '-', '-']
+    return [recordings.name, recordings.shown, f'{len(found)}', recordings.settled,
+            *cells(found, 0, recordings), *repaired]  # fmt: skip
+
+
+def run(clones: Path, logs: Mapping[int, Sequence[Path]], number: int, place: int) -> Outcome:
+    """Return the outcome of one log of a row."""
+    with TemporaryDirectory() as folder:
+        return ALL[number].outcome(logs[number][place], place, Path(folder), clones)
+
+
+def line(number: int, found: Outcome) -> list[str]:
+    """Print the results of a row's recordings; return its line of the table."""
+    for each in found.shown:
+        print(each)
+    return row(ALL[number], found)
+
+
+def commit() -> str:
+    """Return the commit that is measured, with a mark if files differ from it; empty outside a clone."""
+    command = ['git', '-C', str(ROOT), 'describe', '--always', '--dirty']
+    return subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False).stdout.strip()
+
+
+def main() -> None:
+    """Write the table; print a line for each recording, and the missing logs."""
+    frame = Frame(__doc__, 'measured/hardware.md', seeds=MOST, clones='')
+    chosen = frame.chosen(range(len(ALL)), lambda number: ALL[number].name)
+    clones, state = Path(frame.arguments.clones), commit()
+    logs = {number: ALL[number].found(clones) for number in chosen}
+    counts = {number: min(len(logs[number]), frame.arguments.seeds) for number in chosen if logs[number]}
+    files = {number: f'hardware {state} {number}' for number in counts}
+    outcomes = frame.outcomes(Outcome, partial(run, clones, logs), files, counts)
+    frame.tabulate(HEADER, outcomes, line, 'hardware', f'commit {state}')
 
 
 if __name__ == '__main__':
-    raise SystemExit(main())
+    main()

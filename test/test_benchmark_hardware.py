@@ -6,30 +6,38 @@ from pathlib import Path
 
 import pytest
 
-from benchmark_hardware import ALL, Outcome, Recordings, row
+from benchmark_hardware import ALL, Outcome, Recordings, Result, row
 
 WEIGHED = Recordings('a body', {'mass': (10.0, 10.4), 'izz': (0.2,)}, 'weighed', 'none', ('run_*/a.mat', 'none.mat'))
+REFUSED = Result('not_identifiable')
 
 
-def outcome(mass: float, izz: float, status: str = 'estimating') -> Outcome:
-    return Outcome(status, {'mass': (mass, 0.5), 'izz': (izz, 0.01)})
+def result(mass: float, izz: float, status: str = 'estimating') -> Result:
+    return Result(status, {'mass': (mass, 0.5), 'izz': (izz, 0.01)})
+
+
+def cells(*pairs: tuple[Result, Result]) -> list[str]:
+    return row(WEIGHED, Outcome.stack([Outcome.of_results('a run', WEIGHED.truth, *pair) for pair in pairs]))
 
 
 def test_a_number_holds_if_all_weighings_lie_in_its_interval() -> None:
-    cells = row(
-        WEIGHED, [(outcome(10.0, 0.2), None), (outcome(9.3, 0.21), None), (outcome(99.0, 9.0, 'inconsistent'), None)]
-    )
-    assert cells[:5] == ['a body', 'weighed', '3', 'none', '2']
-    assert cells[5] == '3 of 4, off by at most 2.2 std'  # 10.4 kg lies 2.2 deviations from 9.3
-    assert cells[6] == '± 10 %'
-    assert cells[7:] == ['-', '-', '-']  # no repair was tried
+    found = [result(10.0, 0.2), result(9.3, 0.21), result(99.0, 9.0, 'inconsistent')]
+    made = cells(*((each, Result()) for each in found))
+    assert made[:5] == ['a body', 'weighed', '3', 'none', '2']
+    assert made[5] == '3 of 4, off by at most 2.2 std'  # 10.4 kg lies 2.2 deviations from 9.3
+    assert made[6] == '± 10 %'
+    assert made[7:] == ['-', '-', '-']  # no repair was tried
 
 
 def test_results_with_repair_have_columns_of_their_own() -> None:
-    refused = Outcome('not_identifiable')
-    cells = row(WEIGHED, [(refused, outcome(10.2, 0.2)), (refused, refused)])
-    assert cells[4:7] == ['0', '-', '-']
-    assert cells[7:9] == ['1', '2 of 2, off by at most 0.4 std']
+    made = cells((REFUSED, result(10.2, 0.2)), (REFUSED, REFUSED))
+    assert made[4:7] == ['0', '-', '-']
+    assert made[7:9] == ['1', '2 of 2, off by at most 0.4 std']
+
+
+def test_a_number_that_is_withheld_does_not_count() -> None:
+    made = cells((Result('estimating', {'izz': (0.2, 0.01)}), Result()))
+    assert made[4:7] == ['1', '1 of 1, off by at most 0.0 std', '-']
 
 
 def test_a_log_in_two_clones_counts_once_and_missing_ones_are_printed(
@@ -44,5 +52,5 @@ def test_a_log_in_two_clones_counts_once_and_missing_ones_are_printed(
 
 def test_nothing_is_fetched_without_clones(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for recordings in ALL[2:]:
-        assert list(recordings.pairs(tmp_path, tmp_path)) == []
+        assert recordings.found(tmp_path) == []
     assert capsys.readouterr().out.count('missing: ') > len(ALL) - 2
