@@ -62,7 +62,7 @@ def test_every_threshold_has_a_reason_and_is_in_the_page() -> None:
     [
         'CONTRIBUTING.md',
         'docs/reference/files.md',
-        *(f'docs/explanation/{name}.md' for name in ('architecture', 'method', 'trajectory', 'orbit')),
+        *(f'docs/explanation/{name}.md' for name in ('architecture', 'method', 'trajectory', 'causes', 'orbit')),
     ],
 )
 def test_every_file_of_code_that_is_named_is_there(document: str) -> None:
@@ -213,7 +213,7 @@ def test_equations_that_are_cited_exist() -> None:
     cited = re.compile(r'(\w[\w-]*\.md)(?:#[\w-]+)?\)?, eq\. (\d+)')
     texts = [*DOCUMENTS, *(ROOT / 'mbaid_ros').rglob('*.py')]
     found = [pair for path in texts for pair in cited.findall(path.read_text(encoding='utf-8'))]
-    assert {'method.md', 'trajectory.md'} <= {page for page, _ in found}
+    assert {'method.md', 'trajectory.md', 'filter.md', 'intervals.md'} <= {page for page, _ in found}
     assert [(page, number) for page, number in found if number not in equations[page]] == []
 
 

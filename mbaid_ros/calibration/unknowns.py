@@ -85,7 +85,7 @@ class StandardNormals:
         return VarianceComponents.from_posterior(self.gaussian.mean, factor @ factor.T, causes, parts)
 
     def with_scaled_prior(self) -> StandardNormals:
-        """Return the Gaussian with a scaled prior (trajectory.md, eq. 7); unobserved directions stay."""
+        """Return the Gaussian with a scaled prior (intervals.md, eq. 4); unobserved directions stay."""
         mean, factor = self.gaussian.mean, self.gaussian.factor
         seen = factor[:, len(mean) :]
         return replace(

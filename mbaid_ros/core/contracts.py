@@ -18,7 +18,7 @@ from mbaid_ros.core.robot.momentum import BodyStates, MomentumKernel
 from mbaid_ros.core.samples import Samples, Stamps
 from mbaid_ros.core.windows import Knots, Midpoints, Window, at_the_base, midpoints, with_joints_later
 
-_LARGEST_SIZE = 100.0  # that is tried (trajectory.md, eq. 8): beyond it, how many times is not known
+_LARGEST_SIZE = 100.0  # that is tried (intervals.md, eq. 3): beyond it, how many times is not known
 CLEAR = 4.0  # standard deviations, from which a delay is one: joints are moved in time at the price of noise in them
 STACK = 10  # windows linearised at a time: one piece of work, of some milliseconds
 # Where a constant force and torque acts, and in which axes.

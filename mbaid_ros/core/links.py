@@ -66,7 +66,7 @@ def relative_factor(parameters: Array, std: float) -> Array:
     """Return the lower triangular factor of the covariance of a body's (10,) parameters phi, for a relative std.
 
     All have one error in common, and each one of its own, relative to its `body_sizes` s: std^2 (phi phi^T + diag(s^2))
-    (trajectory.md, eq. 12). With independent errors alone, the mean of ten would be known better than any: that of
+    (trajectory.md, eq. 3). With independent errors alone, the mean of ten would be known better than any: that of
     the base, in units of which a target is weighed.
     """
     sizes = body_sizes(parameters)

@@ -269,7 +269,7 @@ def update_together(
                 gaussian.measured + count,
                 nis,
                 count,
-                gaussian.log_likelihood - 0.5 * (nis + window.log_noise + growth),  # trajectory.md, eq. 5
+                gaussian.log_likelihood - 0.5 * (nis + window.log_noise + growth),  # filter.md, eq. 2
             )
         )
     return updated

@@ -59,7 +59,7 @@ class PriorComparison:
 
     If the prior is right, the posterior mean m varies about zero with S = 1 - P, P the posterior covariance; if the
     numbers are k times as far off, with S + (k^2 - 1) S^2. With k times the standard deviation, prior information falls
-    by D = 1 - 1/k^2, and the log-likelihood of the data grows by (trajectory.md, eq. 8)
+    by D = 1 - 1/k^2, and the log-likelihood of the data grows by (intervals.md, eq. 3)
 
         1/2 m^T (1/D - P)^-1 m  -  1/2 log|1 - D P|  -  n log k
     """
@@ -127,7 +127,7 @@ class PriorComparison:
 
 @dataclass(frozen=True, eq=False)
 class VarianceComponents:
-    """Variance components of the unknowns' priors (Koch 1999, section 3.6; trajectory.md, eq. 7).
+    """Variance components of the unknowns' priors (Koch 1999, section 3.6; intervals.md, eq. 4).
 
     If the observed unknowns of a kind are k times as far off as declared, the unobserved ones probably are as well. A
     single thing, or a part of one, may be mistaken where all others of its kind are right. The estimate stays; the part
@@ -208,7 +208,7 @@ class VarianceComponents:
     def added_columns(self, contributions: Array) -> Array:
         """Return the columns (m, n) that a covariance factor gains, of the contributions (e, m) of each number.
 
-        Numbers s times as far off add s^2 - 1 times the square of their contribution (trajectory.md, eq. 7).
+        Numbers s times as far off add s^2 - 1 times the square of their contribution (intervals.md, eq. 4).
         """
         larger = self.factors > 1.0
         return np.asarray(contributions[larger].T * np.sqrt(self.factors[larger] ** 2 - 1.0))
@@ -341,7 +341,7 @@ class MeanAndCovariance:
     def published(self, prior_scales: VarianceComponents, layout: Layout, rows: Integers) -> tuple[Array, Array]:
         """Return some numbers (r,) of the state, the body's among them, and a covariance factor (r, w), as published.
 
-        With the correction for noise in the rows (trajectory.md, eq. 14), and the priors scaled (eq. 7).
+        With the correction for noise in the rows (intervals.md, eq. 2), and the priors scaled (eq. 7).
         """
         part = self.factor_of(self.variables.to_state[rows])
         body, attenuation = self._attenuated
@@ -364,7 +364,7 @@ class MeanAndCovariance:
 
     @cached_property
     def _attenuated(self) -> tuple[Array, InformationCorrection]:
-        """A covariance factor (b, v) of the body's variables, and their correction (trajectory.md, eq. 14)."""
+        """A covariance factor (b, v) of the body's variables, and their correction (intervals.md, eq. 2)."""
         variables = self.variables
         body = self.factor_of(np.eye(variables.first_unknown)[variables.body])
         mean = variables.from_state[variables.body, BODY] @ self.mean[BODY]

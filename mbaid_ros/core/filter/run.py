@@ -54,7 +54,7 @@ _KINDS = Kind.NONLINEARITY, Kind.NEWTON_STEP, Kind.SEARCH
 
 @dataclass(frozen=True, eq=False)
 class LinearisationPoint:
-    """The linearisation point of the windows to come (trajectory.md, eq. 6).
+    """The linearisation point of the windows to come (filter.md, eq. 3).
 
     Each window is blind along some directions, such as all masses and momenta growing together, or CoM and odometry
     mount displaced together. Linearised at another point these are others, and together the windows would seem to see

@@ -55,7 +55,7 @@ def advance(
 ) -> SquareRootInformation:
     """Return the Gaussian at the next window's first knot, under its force and the walks of a hypothesis.
 
-    With an integrated twist c goes along (trajectory.md, eq. 10).
+    With an integrated twist c goes along (filter.md, eq. 5).
     """
     link = window.border_noise if gaussian.conditional.augmented else None
     root = gaussian.conditional if link is not None else gaussian.conditional.marginal
@@ -230,7 +230,7 @@ def _processes_redrawn(root: Array, variables: Variables, change: MomentumChange
 
 
 def _gauss_markov_step(root: Array, places: Integers, correlation: Array, steps: Array, added: Array) -> Array:
-    """Return the triangle after a step of Gauss-Markov processes of unit variance (trajectory.md, eq. 11).
+    """Return the triangle after a step of Gauss-Markov processes of unit variance (filter.md, eq. 6).
 
     v' = correlation v + noise, and the first variables follow: x' = x + steps (v' - v). v is eliminated.
 

@@ -177,7 +177,7 @@ def momentum_displaced(kernel: MomentumKernel, states: BodyStates, displacement:
 
 
 def _displacement_matrices(kernel: MomentumKernel, states: BodyStates) -> Array:
-    """Return the (N, n, 6, 6) matrices that make X x* h_S - I_S (X x V_p) of X, for each joint: eq. 2."""
+    """Return the (N, n, 6, 6) matrices that make X x* h_S - I_S (X x V_p) of each joint (trajectory.md, eq. 2)."""
     carried = kernel.kinematics.ancestors.T
     inertia = inertia_matrix(carried @ states.known)
     whole = carried @ states.momenta
@@ -506,14 +506,14 @@ def errors_in_variables_bias(precision: Array, slope: Array, body: Array, variab
     weighed = precision[:, None] @ of_body  # (B, n, 6, b)
     windows, joints, numbers, count = of_body.shape
     flat = of_body.reshape(windows, joints * numbers, count)
-    information = np.swapaxes(flat, 1, 2) @ weighed.reshape(flat.shape)  # M of trajectory.md, eq. 13
+    information = np.swapaxes(flat, 1, 2) @ weighed.reshape(flat.shape)  # M of intervals.md, eq. 1
     at = variables.from_state[variables.body, BODY] @ body[..., None]
     return np.concatenate((information, information @ at), axis=-1)
 
 
 @dataclass(frozen=True)
 class InformationCorrection:
-    """Correction of the body's b variables for M (trajectory.md, eqs. 13 and 14), P their covariance without it."""
+    """Correction of the body's b variables for M (intervals.md, eqs. 1 and 2), P their covariance without it."""
 
     gain: Array  # (b, b) N: errors are larger by (1 - P M)^-1 = 1 + P N
     score: Array  # (b, b) K: their covariance gains (1 - P M)^-1 P M P (1 - M P)^-1 = P K K^T P

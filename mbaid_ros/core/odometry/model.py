@@ -428,7 +428,7 @@ def mean_over_knots(knots: Array, change: Array) -> Array:
 
 
 def pose_measurement(errors: Array, change: Array, readings: Array, point: Array) -> tuple[Array, Array]:
-    """0 = mean of xi over the knots + readings + noise (trajectory.md, eq. 3), linearised at (r,).
+    """0 = mean of xi over the knots + readings + noise (measurements.md, eq. 1), linearised at (r,).
 
     A share `change` of the change of xi whitens correlated errors. The twist in the readings is that at the knots
     themselves: half an interval later its noise, the joints' as that of xi, would look like a delay by that half.
