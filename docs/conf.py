@@ -66,9 +66,9 @@ def _adapt(_: Any, name: str, source: list[str]) -> None:
     if name == 'index':
         sections = re.split(r'^## ', source[0], flags=re.MULTILINE)[1:]
         entries = [(each.partition('\n')[0], _LINK.findall(each)) for each in sections]
-        listed = {page for _, pages in entries for page in pages} | {'index.md', 'overview.md', 'api/modules.md'}
+        listed = {page for _, pages in entries for page in pages} | {'index.md', 'overview.md'}
         others = sorted({str(page.relative_to(HERE)) for page in HERE.rglob('*.md')} - listed)
-        entries += [('More', others)] * bool(others) + [('Code', ['api/modules.md'])]
+        entries += [('More', others)] * bool(others)
         source[0] += ''.join(_toctree(caption, pages) for caption, pages in [('Start', ['overview.md']), *entries])
 
 

@@ -18,6 +18,7 @@ from mbaid_ros.core.gyro import IMU
 from mbaid_ros.core.odometry.stream import QUATERNION_TOLERANCE
 from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.results.estimate import Status
+from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.samples import Stamps
 from mbaid_ros.errors import MbaidError, ParameterError, listing
 from mbaid_ros.estimate_messages import MessageTypes
@@ -144,6 +145,7 @@ class Identification:
         """Write the HTML report of `replay`.
 
         Raises OSError: The file cannot be written.
+        Raises ModuleNotFoundError: Matplotlib, which draws the curves, is not installed.
         """
         from mbaid_ros.replay.report.page import html  # noqa: PLC0415 - only a report needs matplotlib
 
@@ -158,7 +160,7 @@ class Identification:
 
         Raises ValueError: The data contradict the model, determine fewer than ten numbers, or no body has these.
         """
-        from mbaid_ros.replay.export import identified_urdf  # noqa: PLC0415 - brings bags with it
+        from mbaid_ros.replay.export import identified_urdf  # noqa: PLC0415 - takes a while
 
         try:
             return identified_urdf(self.run)
@@ -213,14 +215,9 @@ def identify(  # noqa: PLR0913 - one argument for each measured quantity
     """
     text = _robot_description(urdf)
     config = _config(parameters, target_link)
-    try:
-        session = Session(config, text)
-    except ParameterError as error:
-        raise ValueError(f'parameters: {error}') from error
-    except MbaidError as error:
-        raise ValueError(f'urdf: {error}') from error
+    session = _session(config, text, target_link)
     rates = None if gyro is None else _pair(session, gyro)
-    times = _times(joint_time, base_time, None if rates is None else rates[0])
+    times = _times(joint_time, base_time, rates)
     readings: list[Readings] = [
         _joints(session, joint_names, times['joint_time'], joint_position, joint_velocity),
         _poses(session, times['base_time'], base_position, base_orientation, base_twist),
@@ -281,6 +278,19 @@ def _config(parameters: object, target_link: object) -> EstimatorConfig:
         return build(EstimatorConfig, values)
     except ParameterError as error:
         raise ValueError(f'parameters: {error}') from error
+
+
+def _session(config: EstimatorConfig, text: str, target_link: str) -> Session:
+    """Return a session; an error names the argument that is wrong."""
+    try:
+        known = [link.name for link in load_model(text, config.base_link).links]
+        if target_link and target_link not in known:
+            raise ValueError(f"target_link is '{target_link}', no link of the robot; accepted: {listing(known)}")
+        return Session(config, text)
+    except ParameterError as error:
+        raise ValueError(f'parameters: {error}') from error
+    except MbaidError as error:
+        raise ValueError(f'urdf: {error}') from error
 
 
 def _joints(session: Session, names: object, time: Array, position: ArrayLike, velocity: ArrayLike | None) -> Joints:
@@ -347,9 +357,9 @@ def _gyro(session: Session, time: Array, rate: ArrayLike) -> Imu:
     return Imu(time, rates, np.zeros((len(time), 0)), frame)
 
 
-def _times(joints: ArrayLike, base: ArrayLike, gyro: ArrayLike | None) -> dict[str, Array]:
+def _times(joints: ArrayLike, base: ArrayLike, gyro: tuple[ArrayLike, ArrayLike] | None) -> dict[str, Array]:
     """Return the times of all readings, s since the first of them, by the names of the arguments."""
-    given = {'joint_time': joints, 'base_time': base} | ({} if gyro is None else {'gyro[0]': gyro})
+    given = {'joint_time': joints, 'base_time': base} | ({} if gyro is None else {'gyro[0]': gyro[0]})
     stamps = {name: _stamps(name, value) for name, value in given.items()}
     spans = [f'{name} is from {each[0] * 1e-9:g} to {each[-1] * 1e-9:g} s' for name, each in stamps.items()]
     first, last = min(each[0] for each in stamps.values()), max(each[-1] for each in stamps.values())

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import ast
 import csv
+import pydoc
 import re
 import runpy
 from collections.abc import Iterator
-from importlib.util import find_spec
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from benchmarks.pictures import pictured
-from documents import DOCUMENTS, README, REFERENCE, ROOT, names
+from documents import DOCUMENTS, PAGES, README, REFERENCE, ROOT, names
 from made_runs import run
 from mbaid_ros import limits
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
@@ -136,6 +136,17 @@ def test_links_lead_somewhere(document: str) -> None:
         assert not anchor or anchor in anchors(target), f'{path}#{anchor}'
 
 
+def test_the_index_lists_every_page_by_its_title() -> None:
+    index = ROOT / 'docs' / 'index.md'
+    listed = re.findall(r'\[([^\]]+)\]\((\w[\w/-]*\.md)\)', index.read_text(encoding='utf-8'))
+    pages = {str(page.relative_to(ROOT / 'docs')): page for page in PAGES if page != index}
+    titles = {
+        name: re.findall(r'^# (.*)$', page.read_text(encoding='utf-8'), re.MULTILINE)[:1]
+        for name, page in pages.items()
+    }
+    assert {page: [name] for name, page in listed} == titles
+
+
 @pytest.mark.parametrize('folder', ['mbaid_ros', 'scripts', 'test'])
 def test_pages_that_code_names_exist(folder: str) -> None:
     for path in (ROOT / folder).rglob('*.py'):
@@ -241,8 +252,7 @@ def test_the_versions_agree() -> None:
 
 
 def test_the_public_modules_exist() -> None:
-    listed = re.findall(
-        r'^   (mbaid_ros\.[\w.]+)$', (ROOT / 'docs/api/modules.md').read_text(encoding='utf-8'), re.MULTILINE
-    )
-    assert 'mbaid_ros.testing' in listed
-    assert [name for name in listed if find_spec(name) is None] == []
+    pages = ''.join(page.read_text(encoding='utf-8') for page in (ROOT / 'docs' / 'api').glob('*.md'))
+    listed = re.findall(r'^(?:   |\.\. auto\w+:: )(mbaid_ros\.[\w.]+)$', pages, re.MULTILINE)
+    assert {'mbaid_ros.testing', 'mbaid_ros.identification.identify'} <= set(listed)
+    assert [name for name in listed if pydoc.locate(name) is None] == []

@@ -153,18 +153,24 @@ JOINTS = [f'joint{number}' for number in range(1, 8)]
         ({'joint_names': JOINTS[:6]}, r'joint_names lacks joint7; accepted: every joint of joint1, '),
         ({'joint_names': [*JOINTS, 'joint1']}, r'joint_names has a name twice; accepted: each name once'),
         ({'base_time': 100.0 + GOOD['base_time']}, r'base_time is from 100 to 100.975 s; .* one clock that overlap'),
+        ({'base_time': GOOD['base_time'][::-1]}, r'base_time\[1\] is not later than the one before; accepted: increas'),
         ({'base_position': np.zeros((M, 2))}, r'base_position has the shape \(40, 2\); accepted: \(M, 3\) with M = 40'),
+        ({'base_orientation': None}, r'base_orientation is of type object; accepted: an array of real numbers'),
         ({'base_orientation': np.zeros((M, 3))}, r'base_orientation has the shape \(40, 3\); .*: x, y, z, w'),
         ({'base_orientation': np.full((M, 4), 2.0)}, r'base_orientation\[0\] has the length 4; accepted: unit quater'),
         ({'base_twist': np.zeros((M, 3))}, r'base_twist has the shape \(40, 3\); .*: linear, then angular velocity'),
         ({'gyro': np.zeros((K, 3))}, r'gyro is of type ndarray; accepted: a pair of times \(K,\) and rates \(K, 3\)'),
+        (
+            {'gyro': (None, np.zeros((K, 3))), 'parameters': {'imu.noise_density': 1e-5}},
+            r'gyro\[0\] is of type object; accepted: an array of real numbers',
+        ),
         ({'gyro': (np.arange(K), np.zeros((K, 3)))}, r"gyro is given without its noise; accepted: 'imu.noise_density'"),
         (
             {'gyro': (0.01 * np.arange(K), np.zeros((3, K))), 'parameters': {'imu.noise_density': 1e-5}},
             r'gyro\[1\] has the shape \(3, 30\); accepted: \(K, 3\) with K = 30',
         ),
         ({'target_link': 7}, r'target_link is of type int; accepted: the name of a link'),
-        ({'target_link': 'link70'}, r'link70'),
+        ({'target_link': 'link70'}, r"target_link is 'link70', no link of the robot; accepted: base_link, .*link7"),
         ({'parameters': [1]}, r'parameters is of type list; accepted: a dict of dotted names'),
         ({'parameters': {'windw': 1.0}}, r"parameters: unknown parameter 'windw'; known: window"),
         ({'parameters': {'window': -1.0}}, r"parameters: parameter 'window' is -1.0 s; accepted: "),
@@ -186,7 +192,12 @@ sys.modules.update(dict.fromkeys({absent}))
 import numpy as np
 from mbaid_ros import identify
 with np.load({str(tmp_path / 'arrays.npz')!r}) as file:
-    print(identify({str(URDF)!r}, **{{**file, 'joint_names': file['joint_names'].tolist()}}).status)
+    found = identify({str(URDF)!r}, **{{**file, 'joint_names': file['joint_names'].tolist()}})
+print(found.status)
+assert len(found.to_dict()) > 30
+import mbaid_ros.replay.export
+del sys.modules['matplotlib']
+found.report({str(tmp_path / 'report.html')!r})
 """
     environment = {name: value for name, value in os.environ.items() if not name.startswith(('ROS_', 'AMENT_', 'RMW_'))}
     run = subprocess.run(

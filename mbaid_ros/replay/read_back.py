@@ -8,17 +8,19 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mbaid_ros import limits
-from mbaid_ros.bags import BagReader
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import PARAMETERS, contradiction
 from mbaid_ros.errors import DataError, ParameterError, listing
 from mbaid_ros.estimate_messages import parameters_of
 from mbaid_ros.files import read_json
+
+if TYPE_CHECKING:
+    from mbaid_ros.bags import BagReader
 
 TRUTH_FILE = 'truth.json'
 ESTIMATE_TYPE = 'mbaid_msgs/msg/InertiaEstimate'
@@ -198,6 +200,8 @@ def _covariance(covariance: Any, std: Any) -> Array:
 
 def _from_bag(path: str, topic: str, *, alone: bool) -> Identified:
     """Return the last estimate in a bag."""
+    from mbaid_ros.bags import BagReader  # noqa: PLC0415 - results of `identify` need no library for bags
+
     with BagReader(path) as bag:
         topic = _chosen_topic(bag, path, topic, alone=alone)
         last = None
