@@ -232,12 +232,12 @@ def identify(  # noqa: PLR0913 - one argument for each measured quantity
 def _run(session: Session, config: EstimatorConfig, readings: Sequence[Readings]) -> Run:
     """Return the result of readings, in the order of their times."""
     kept = Kept(session, config)
-    add = {Joints.TOPIC: session.add_joint_state, Poses.TOPIC: session.add_odometry, Imu.TOPIC: session.add_named}
+    add = {Joints.topic: session.add_joint_state, Poses.topic: session.add_odometry, Imu.topic: session.add_named}
     messages = in_order(readings, _TYPES, lambda _, time: round(time * 1e9))
     for begin in range(0, len(messages), _AT_ONCE):
         part = messages[begin : begin + _AT_ONCE]
         of = {topic: [message for _, name, message in part if name == topic] for topic in add}
-        if not session.add_at_once(of[Joints.TOPIC], of[Poses.TOPIC], {IMU: of[Imu.TOPIC]}):
+        if not session.add_at_once(of[Joints.topic], of[Poses.topic], {IMU: of[Imu.topic]}):
             for _, topic, message in part:
                 add[topic](message)
         kept.add(session.process())
@@ -249,7 +249,7 @@ def _run(session: Session, config: EstimatorConfig, readings: Sequence[Readings]
 
 def _statistics(readings: Readings) -> TopicStatistics:
     count, span = len(readings.time), float(readings.time[-1] - readings.time[0])
-    return TopicStatistics(readings.TOPIC, 'array', count, (count - 1) / span if span > 0.0 else float('nan'))
+    return TopicStatistics(readings.topic, 'array', count, (count - 1) / span if span > 0.0 else float('nan'))
 
 
 # -- Arguments

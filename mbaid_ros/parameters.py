@@ -206,15 +206,8 @@ def named_groups(cls: type[T], group: str, names: Sequence[str], each: Mapping[s
     cls, group : dataclass of the parameters of one, and the name of the group: ``gyros``
     names, each : the names, and the given values by them
     """
-    taken = sorted((*INPUT_TOPICS, 'tf'))
-    found = {}
-    for name in names:
-        if name in taken or names.count(name) > 1 or not re.fullmatch(r'[A-Za-z]\w*', name, re.ASCII):
-            raise ParameterError(
-                f"parameter '{group}.names' has '{name[:60]}'; accepted: letters, digits and underscores, each name "
-                f'once, and none of {listing(taken)}'
-            )
-        found[name] = _construct(cls, each.get(name, {}), '')
+    check_sensor_names(f"parameter '{group}.names'", names)
+    found = {name: _construct(cls, each.get(name, {}), '') for name in names}
     if foreign := [name for name in each if name not in names]:
         one = {'gyros': 'gyro', 'poses': 'pose'}.get(group, group)
         raise ParameterError(
@@ -222,6 +215,17 @@ def named_groups(cls: type[T], group: str, names: Sequence[str], each: Mapping[s
             f'{listing(names) or "none"}'
         )
     return found
+
+
+def check_sensor_names(where: str, names: Sequence[str]) -> None:
+    """Raise a ParameterError if a name cannot be a sensor's and its topic's; `where` is where they are, in words."""
+    taken = sorted((*INPUT_TOPICS, 'tf'))
+    for name in names:
+        if name in taken or names.count(name) > 1 or not re.fullmatch(r'[A-Za-z]\w*', name, re.ASCII):
+            raise ParameterError(
+                f"{where} has '{name[:60]}'; accepted: letters, digits and underscores, each name once, and none of "
+                f'{listing(taken)}'
+            )
 
 
 def topic_of(name: str) -> str:

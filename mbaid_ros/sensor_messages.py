@@ -10,7 +10,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.estimate_messages import MessageTypes, stamped, vector
-from mbaid_ros.simulation.sensors import BaseReadings, ImuReadings, JointReadings
+from mbaid_ros.simulation.sensors import BaseReadings, ImuReadings, JointReadings, PoseReadings
 
 SENSOR_TYPES = {
     'joint_states': 'sensor_msgs/msg/JointState',
@@ -30,7 +30,7 @@ _NOT_KNOWN = np.zeros(36)  # covariance
 class Joints:
     """N readings (N,) s of n joints, or commands to them: position (N, n) rad or m, velocity and effort where known."""
 
-    TOPIC: ClassVar[str] = 'joint_states'
+    topic: ClassVar[str] = 'joint_states'
 
     names: tuple[str, ...]
     time: Array
@@ -57,7 +57,7 @@ class Joints:
 class Poses:
     """N poses of the base, or of a frame on it, at times (N,) s."""
 
-    TOPIC: ClassVar[str] = 'odom'
+    topic: ClassVar[str] = 'odom'
 
     time: Array
     position: Array  # (N, 3) m, in the odometry frame
@@ -84,7 +84,7 @@ class Poses:
 class BarePoses(Poses):
     """Poses without twist and covariance, as motion capture publishes them."""
 
-    TOPIC: ClassVar[str] = 'pose'
+    topic: ClassVar[str] = 'pose'
 
     def message(self, types: MessageTypes, index: int, stamp: int) -> Any:
         """Return one of them as a geometry_msgs/PoseStamped."""
@@ -98,14 +98,13 @@ class Imu:
     `orientation` (N, 4) x, y, z, w is of the link in the frame of an orientation sensor beside it; None without one.
     """
 
-    TOPIC: ClassVar[str] = 'imu'
-
     time: Array
     angular_velocity: Array
     linear_acceleration: Array  # (N, 0) where it is not measured
     frame: str = 'base_link'
     orientation: Array | None = None
     orientation_std: float = 0.0  # rad; 0 where not known
+    topic: str = 'imu'
 
     def message(self, types: MessageTypes, index: int, stamp: int) -> Any:
         """Return one of them as a sensor_msgs/Imu."""
@@ -128,7 +127,7 @@ class Imu:
 class Thrust:
     """N commanded wrenches."""
 
-    TOPIC: ClassVar[str] = 'thrust'
+    topic: ClassVar[str] = 'thrust'
 
     time: Array  # (N,) s, from when on each counts
     wrench: Array  # (N, 6) force and torque about the frame's origin in its axes, N and N m
@@ -145,7 +144,7 @@ class Thrust:
 class StoredMomentum:
     """N angular momenta (N, 3) N m s of wheels or gyros in axes of a link, at times (N,) s."""
 
-    TOPIC: ClassVar[str] = 'stored_momentum'
+    topic: ClassVar[str] = 'stored_momentum'
 
     time: Array
     momentum: Array
@@ -161,7 +160,7 @@ class StoredMomentum:
 class TargetPoses:
     """N poses of a frame fixed to the target: (N,) s, (N, 3) m and quaternions (N, 4) x, y, z, w, of `frame`."""
 
-    TOPIC: ClassVar[str] = 'target_pose'
+    topic: ClassVar[str] = 'target_pose'
 
     time: Array
     position: Array
@@ -173,7 +172,32 @@ class TargetPoses:
         return pose_stamped(self, types, index, stamped(stamp, self.frame, types))
 
 
-def pose_of(readings: Poses | TargetPoses, types: MessageTypes, index: int) -> Any:
+@dataclass(frozen=True)
+class NamedPoses:
+    """N poses of a link, or a part of them, by a further sensor: (N,) s, (N, 3) m and quaternions (N, 4) x, y, z, w."""
+
+    topic: str
+    time: Array
+    position: Array
+    orientation: Array
+    measures: str = 'both'  # 'position', 'orientation' or 'both'
+    frame: str = 'world'
+
+    def message(self, types: MessageTypes, index: int, stamp: int) -> Any:
+        """Return one of them as a geometry_msgs/PoseStamped, or QuaternionStamped of an orientation alone."""
+        header = stamped(stamp, self.frame, types)
+        if self.measures == 'orientation':
+            quaternion = vector(self.orientation[index], types, 'Quaternion')
+            return types.find(pose_type(self.measures))(header=header, quaternion=quaternion)
+        return pose_stamped(self, types, index, header)
+
+
+def pose_type(measures: str) -> str:
+    """Return the type of the messages of a sensor of poses by what it measures."""
+    return f'geometry_msgs/msg/{"QuaternionStamped" if measures == "orientation" else "PoseStamped"}'
+
+
+def pose_of(readings: Poses | TargetPoses | NamedPoses, types: MessageTypes, index: int) -> Any:
     """Return one of N poses as a geometry_msgs/Pose."""
     return types.find('geometry_msgs/msg/Pose')(
         position=vector(readings.position[index], types, 'Point'),
@@ -181,12 +205,12 @@ def pose_of(readings: Poses | TargetPoses, types: MessageTypes, index: int) -> A
     )
 
 
-def pose_stamped(readings: Poses | TargetPoses, types: MessageTypes, index: int, header: Any) -> Any:
+def pose_stamped(readings: Poses | TargetPoses | NamedPoses, types: MessageTypes, index: int, header: Any) -> Any:
     """Return one of N poses as a geometry_msgs/PoseStamped."""
     return types.find('geometry_msgs/msg/PoseStamped')(header=header, pose=pose_of(readings, types, index))
 
 
-Readings = Joints | Poses | Imu | Thrust | StoredMomentum | TargetPoses
+Readings = Joints | Poses | Imu | Thrust | StoredMomentum | TargetPoses | NamedPoses
 
 
 def in_order(
@@ -197,7 +221,7 @@ def in_order(
     `stamp` makes the stamp (ns) of a reading at a time (s).
     """
     messages = [
-        (time, part.TOPIC, part.message(types, index, stamp(part, time)))
+        (time, part.topic, part.message(types, index, stamp(part, time)))
         for part in parts
         for index, time in enumerate(part.time.tolist())
     ]
@@ -220,9 +244,12 @@ def poses_of(readings: BaseReadings, base_link: str, odometry_frame: str = 'odom
     return kind(readings.time, readings.position, readings.orientation, twist, base_link, odometry_frame, covariances)
 
 
-def imu_of(readings: ImuReadings, base_link: str) -> Imu:
-    """Return the readings of an IMU."""
+def further_of(readings: ImuReadings | PoseReadings, topic: str, base_link: str) -> Imu | NamedPoses:
+    """Return the readings of a gyro or of a sensor of poses, on a topic."""
+    if isinstance(readings, PoseReadings):
+        return NamedPoses(topic, readings.time, readings.position, readings.orientation, readings.measures)
     orientation = readings.orientation if readings.orientation.shape[1] else None
     frame = readings.link or base_link
     nothing = np.zeros((len(readings.time), 0))
-    return Imu(readings.time, readings.angular_velocity, nothing, frame, orientation, readings.orientation_std)
+    turning = readings.angular_velocity
+    return Imu(readings.time, turning, nothing, frame, orientation, readings.orientation_std, topic)

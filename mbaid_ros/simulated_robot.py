@@ -29,7 +29,7 @@ from mbaid_ros.simulation.motion import (
     with_resting_joints,
     within_limits,
 )
-from mbaid_ros.simulation.sensors import Imu, ImuErrors
+from mbaid_ros.simulation.sensors import Imu, ImuErrors, PoseErrors, PoseTracker
 from mbaid_ros.simulation.simulation import (
     PiecewiseSimulation,
     Simulation,
@@ -272,17 +272,23 @@ def make_view(config: SimulatorConfig) -> Callable[[Truth], Truth] | None:
     return partial(seen_from_orbit, orbit, relative_twist=config.orbit.twist == 'relative')
 
 
-def make_imu(config: SimulatorConfig, robot: RobotModel) -> Imu | None:
-    """Return the IMU on a link, None where there is none.
+def make_further(config: SimulatorConfig, robot: RobotModel) -> dict[str, Imu | PoseTracker]:
+    """Return gyros and sensors of poses by their topics; their noise is none of the other sensors'.
 
     Raises ModelError: There is no such link.
+    Raises ParameterError: A name cannot be that of a sensor.
     """
-    own = config.imu
-    if own.rate == 0.0:
-        return None
-    errors = ImuErrors(own.noise_density, own.bias, own.bias_walk, own.scale, own.orientation_noise)
-    # Its noise is none of the other sensors'.
-    return Imu(own.rate, errors, config.seed + 1_000_003, *((robot, robot.link(own.link)) if own.link else ()))
+    found: dict[str, Imu | PoseTracker] = {}
+    for name, own in config.further_gyros.items():
+        errors = ImuErrors(own.noise_density, own.bias, own.bias_walk, own.scale, own.orientation_noise, own.turn)
+        seed = config.seed + 1_000_003 if name == 'imu' else (config.seed, *name.encode())
+        found[name] = Imu(own.rate, errors, seed, *((robot, robot.link(own.link)) if own.link else ()))
+    for name, each in config.further_poses.items():
+        noise = each.position_noise, each.orientation_noise, each.correlation_time
+        located = PoseErrors(each.measures, each.position, each.turn, *noise, each.world_turn, each.world_position)
+        link, view = robot.link(each.link or robot.base_link), make_view(config)
+        found[name] = PoseTracker(each.rate, located, (config.seed, *name.encode()), robot, link, view)
+    return found
 
 
 def make_wheels(config: SimulatorConfig, model: RobotModel) -> Wheels | None:

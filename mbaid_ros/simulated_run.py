@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mbaid_ros.config.simulator_parameters import SimulatorConfig
+from mbaid_ros.config.simulator_parameters import SimulatedImuConfig, SimulatedPoseConfig, SimulatorConfig
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.body import physical
@@ -18,18 +18,18 @@ from mbaid_ros.estimate_messages import Frames, MessageTypes, inertia_message, t
 from mbaid_ros.joint_trajectory import JointTrajectory
 from mbaid_ros.sensor_messages import (
     SENSOR_TYPES,
-    Imu,
     Joints,
     Readings,
     StoredMomentum,
     TargetPoses,
     Thrust,
-    imu_of,
+    further_of,
     in_order,
+    pose_type,
     poses_of,
 )
 from mbaid_ros.simulated_robot import (
-    make_imu,
+    make_further,
     make_model_errors,
     make_motion,
     make_simulation,
@@ -105,10 +105,12 @@ class SimulatedRun:
             self.target_momentum = np.zeros(6)
         view = make_view(config)
         sensors = Sensors(SensorNoise(**vars(config.noise)), config.seed, self.errors, config.wheels.speed_noise, view)
-        imu = make_imu(config, self.robot)
+        further = make_further(config, self.robot)
+        named: dict[str, SimulatedImuConfig | SimulatedPoseConfig] = {**config.further_gyros, **config.further_poses}
+        self._named = named
         self._camera = make_target_camera(config, simulation)
         self._read = 0.0  # s, until which it has been
-        self._sensed = SensedSimulation(simulation, sensors, config.joint_rate, config.odometry_rate, imu)
+        self._sensed = SensedSimulation(simulation, sensors, config.joint_rate, config.odometry_rate, further)
 
     @property
     def topics(self) -> dict[str, str]:
@@ -116,12 +118,15 @@ class SimulatedRun:
         wanted = {
             'odom': not self.config.pose_only,
             'pose': self.config.pose_only,
-            'imu': self.config.imu.rate > 0.0,
+            'imu': 'imu' in self._named,
             'thrust': self.pulse is not None and self.config.thrust.publish,
             'target_pose': self._camera is not None,
             'stored_momentum': self.wheels is not None and self.config.wheels.publish == 'stored_momentum',
         }
-        return {topic: kind for topic, kind in SENSOR_TYPES.items() if wanted.get(topic, True)}
+        known = {topic: kind for topic, kind in SENSOR_TYPES.items() if wanted.get(topic, True)}
+        gyros = dict.fromkeys(self.config.further_gyros, SENSOR_TYPES['imu'])
+        poses = {name: pose_type(each.measures) for name, each in self.config.further_poses.items()}
+        return known | gyros | poses
 
     @property
     def target_inertia(self) -> Array:
@@ -161,7 +166,7 @@ class SimulatedRun:
 
         Raises ModelError: The motion has diverged.
         """
-        joints, base, imu = self._sensed.read(until)
+        joints, base, further = self._sensed.read(until)
         self._read = max(self._read, until)
         due = [command for command in self._commands if command[0] <= until]
         del self._commands[: len(due)]
@@ -175,7 +180,7 @@ class SimulatedRun:
             parts.append(StoredMomentum(joints.time, stored, self.model.base_link))
         bare, frames = self.config.pose_only, (self.model.base_link, self.config.odom_frame)
         parts += [poses_of(base, *frames, pose_only=bare), self._reported(joints)]
-        parts += [] if imu is None else [imu_of(imu, self.model.base_link)]
+        parts += [further_of(each, name, self.model.base_link) for name, each in further.items()]
         if self._camera is not None:
             delay = self.config.target_pose.delay
             time, position, orientation = self._camera.readings(until - delay)
@@ -185,7 +190,8 @@ class SimulatedRun:
     def _stamp(self, part: Readings, time: float) -> int:
         if isinstance(part, TargetPoses):
             return self.stamp(time - self.config.target_pose.delay)
-        return self.stamp(time + self.config.imu.delay if isinstance(part, Imu) else time)
+        own = self._named.get(part.topic)
+        return self.stamp(time if own is None else time + own.delay)
 
     def _reported(self, readings: JointReadings) -> Joints:
         """Return the joints that JointState has: all but passive ones, and wheels with their speeds alone."""

@@ -9,8 +9,9 @@ import pytest
 
 from mbaid_ros.bags import BAG_TYPES, deserialize, serialize
 from mbaid_ros.config.simulator_parameters import SimulatorConfig
-from mbaid_ros.core.geometry import rotate, rotation_from_quaternion
+from mbaid_ros.core.geometry import exp, rotate, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import ErrorBudget, Estimate, Event, PassiveJoint
+from mbaid_ros.core.robot.model import Kinematics
 from mbaid_ros.core.target import Debris
 from mbaid_ros.errors import MbaidError, ModelError, ParameterError
 from mbaid_ros.estimate_messages import Frames, debris_message, estimate_message
@@ -18,6 +19,7 @@ from mbaid_ros.parameters import build
 from mbaid_ros.simulated_robot import make_initial_state, make_motion, make_simulation
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 from mbaid_ros.simulation.changes import with_target
+from mbaid_ros.simulation.sensors import PoseErrors, PoseTracker
 from mbaid_ros.simulation.simulation import Simulation, total_momentum
 from simulated import CONFIG, robot
 
@@ -75,6 +77,56 @@ def test_motion_capture_publishes_poses_alone() -> None:
         assert (one.header, one.pose) == (other.header, other.pose.pose)
 
 
+FURTHER: dict[str, Any] = {
+    'gyros.names': ['arm'], 'gyros.arm.rate': 50.0, 'gyros.arm.link': 'link3', 'gyros.arm.noise_density': 1e-4,
+    'poses.names': ['tracker', 'camera'], 'poses.tracker.rate': 2.0, 'poses.tracker.measures': 'orientation',
+    'poses.tracker.orientation_noise': 1e-5, 'poses.camera.rate': 5.0, 'poses.camera.link': 'link6',
+    'poses.camera.delay': 0.25, 'poses.camera.position': [0.1, 0.2, 0.3], 'poses.camera.world_turn': [0.0, 0.0, 0.5],
+    'poses.camera.world_position': [1.0, 2.0, 3.0],
+}  # fmt: skip
+
+
+def test_named_sensors_speak_on_topics_of_their_own() -> None:
+    made = run(motion={'kind': 'random'}, **FURTHER)
+    topics = {'arm': 'Imu', 'tracker': 'QuaternionStamped', 'camera': 'PoseStamped'}
+    assert {name: made.topics[name].rpartition('/')[2] for name in topics} == topics
+    messages = made.read(2.0)
+    assert [sum(each.topic == name for each in messages) for name in topics] == [101, 5, 11]
+    again = run(motion={'kind': 'random'}, **{**FURTHER, 'poses.names': ['camera', 'tracker']})
+    cut = [each for until in (0.7, 2.0) for each in again.read(until)]
+    for name in topics:
+        one, other = ([serialize(each.message, made.topics[name]) for each in part if each.topic == name]
+                      for part in (messages, cut))  # fmt: skip
+        assert one == other  # whatever the order of the names
+
+
+def test_a_camera_sees_the_place_of_its_link_in_its_own_world_later() -> None:
+    made = run(motion={'kind': 'random'}, **FURTHER)
+    seen = [each.message for each in made.read(2.0) if each.topic == 'camera']
+    model, config = robot('ets7'), build(SimulatorConfig, {'motion': {'kind': 'random'}})
+    truth = make_simulation(config, model).advance(np.array([0.4]))
+    placed = Kinematics(model).configure(rotation_from_quaternion(truth.base_orientation), truth.joint_position)
+    turned, away = (each[0] for each in placed.link_pose(model.link('link6')))
+    world = exp(np.array([0.0, 0.0, 0.5]))
+    place = world @ (truth.base_position[0] + away + turned @ [0.1, 0.2, 0.3]) + [1.0, 2.0, 3.0]
+    third = seen[2]  # at .4 s, stamped a quarter of a second later
+    assert third.header.stamp.sec + 1e-9 * third.header.stamp.nanosec == pytest.approx(0.65)
+    point, turn = third.pose.position, third.pose.orientation
+    assert [point.x, point.y, point.z] == pytest.approx(place, abs=1e-9)
+    assert rotation_from_quaternion(np.array([turn.x, turn.y, turn.z, turn.w])) == pytest.approx(world @ turned)
+
+
+def test_correlated_errors_of_a_camera_have_their_time_and_size() -> None:
+    errors = PoseErrors(position=2e-3, correlation_time=0.5)
+    model = robot('ets7')
+    tracker = PoseTracker(10.0, errors, (0, 1), model, model.link('base_link'))
+    still = make_simulation(build(SimulatorConfig, {'initial.joint_positions': [0.0] * 6}), model)
+    truth = still.advance(np.arange(2000) / 10.0)
+    off = tracker.readings(truth).position - truth.base_position
+    assert np.std(off) == pytest.approx(2e-3, rel=0.15)
+    assert np.mean(off[1:] * off[:-1]) == pytest.approx(4e-6 * np.exp(-0.2), rel=0.25)
+
+
 def test_one_seed_gives_one_run_to_the_last_bit_however_it_is_cut() -> None:
     values: dict[str, Any] = {'noise': {'joint_position': 1e-4, 'base_orientation': 1e-4}, 'motion': {'kind': 'random'}}
     whole = payloads(run(seed=7, **values).read(2.0))
@@ -127,6 +179,8 @@ def test_the_momentum_is_about_the_odometry_origin() -> None:
         ({'motion': {'kind': 'sinusoids', 'amplitudes': [1.0], 'frequencies': [1.0, 2.0]}}, 'of one length'),
         ({'motion': {'kind': 'random', 'period_min': 50.0}}, 'period_min is 50 s'),
         ({'target_link': 'hand'}, "'hand'.*links: base_link"),
+        ({'poses': {'names': ['odom'], 'odom': {'rate': 1.0}}}, "'poses.names' has 'odom'"),
+        ({**FURTHER, 'poses.names': ['arm', 'tracker', 'camera']}, "'poses.names' has 'arm'; .*none of 'gyros.names'"),
     ],
 )
 def test_what_does_not_fit_is_refused(values: dict[str, Any], words: str) -> None:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from mbaid_ros.core.orbit import SimulatedOrbitConfig
 from mbaid_ros.core.passive import FlexibleConfig
+from mbaid_ros.core.poses import MEASURES
 from mbaid_ros.core.wheels import WheelBodies
-from mbaid_ros.parameters import parameter
+from mbaid_ros.errors import ParameterError
+from mbaid_ros.parameters import by_name, named_groups, parameter
 
 
 @dataclass(frozen=True)
@@ -205,6 +209,54 @@ class SimulatedImuConfig:
     145)."""
     link: str = parameter('')
     """Link that carries the IMU; empty means the base link."""
+    turn: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'rad', lengths=(3,))
+    """Misalignment of its axes on that link, a rotation vector."""
+
+
+@dataclass(frozen=True)
+class SimulatedGyrosConfig:
+    """Further gyros."""
+
+    names: tuple[str, ...] = parameter(())
+    """Gyros beside that of imu, each an Imu on the topic of its name."""
+    each: Mapping[str, Mapping[str, Any]] = by_name(SimulatedImuConfig, 'name')
+
+
+@dataclass(frozen=True)
+class SimulatedPoseConfig:
+    """A star tracker, a camera or motion capture."""
+
+    rate: float = parameter(0.0, 'Hz', minimum=0.0, maximum=1e4)
+    """Readings a second; 0 is none."""
+    measures: str = parameter('both', choices=MEASURES)
+    """What it measures: position, orientation, or both; an orientation is a QuaternionStamped, others a PoseStamped."""
+    link: str = parameter('')
+    """Link that it locates; empty means the base link."""
+    position: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'm', lengths=(3,))
+    """Point that it locates, in the frame of that link."""
+    turn: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'rad', lengths=(3,))
+    """Misalignment of its axes on that link, a rotation vector."""
+    position_noise: float = parameter(0.0, 'm', minimum=0.0)
+    """Noise of each coordinate of a position."""
+    orientation_noise: float = parameter(0.0, 'rad', minimum=0.0)
+    """Noise of an orientation about each axis."""
+    correlation_time: float = parameter(0.0, 's', minimum=0.0)
+    """Time over which its errors are correlated; 0: white noise."""
+    world_turn: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'rad', lengths=(3,))
+    """Turn from the odometry's frame to its own, a rotation vector."""
+    world_position: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'm', lengths=(3,))
+    """Origin of the odometry's frame in its own."""
+    delay: float = parameter(0.0, 's')
+    """Delay of its stamps after the measurements."""
+
+
+@dataclass(frozen=True)
+class SimulatedPosesConfig:
+    """Further sensors of poses."""
+
+    names: tuple[str, ...] = parameter(())
+    """Sensors of poses beside the odometry, each on the topic of its name."""
+    each: Mapping[str, Mapping[str, Any]] = by_name(SimulatedPoseConfig, 'name')
 
 
 @dataclass(frozen=True)
@@ -246,3 +298,25 @@ class SimulatorConfig:
     model_errors: SimulatedModelErrorsConfig = field(default_factory=SimulatedModelErrorsConfig)
     noise: SimulatedNoiseConfig = field(default_factory=SimulatedNoiseConfig)
     imu: SimulatedImuConfig = field(default_factory=SimulatedImuConfig)
+    gyros: SimulatedGyrosConfig = field(default_factory=SimulatedGyrosConfig)
+    poses: SimulatedPosesConfig = field(default_factory=SimulatedPosesConfig)
+
+    @property
+    def further_gyros(self) -> dict[str, SimulatedImuConfig]:
+        """All gyros that speak, by their topics.
+
+        Raises ParameterError: A name cannot be that of a sensor.
+        """
+        named = named_groups(SimulatedImuConfig, 'gyros', self.gyros.names, self.gyros.each)
+        return {name: each for name, each in {'imu': self.imu, **named}.items() if each.rate > 0.0}
+
+    @property
+    def further_poses(self) -> dict[str, SimulatedPoseConfig]:
+        """All further sensors of poses that speak, by their topics.
+
+        Raises ParameterError: A name cannot be that of a sensor.
+        """
+        named = named_groups(SimulatedPoseConfig, 'poses', self.poses.names, self.poses.each)
+        if twice := [name for name in named if name in self.gyros.names]:
+            raise ParameterError(f"parameter 'poses.names' has '{twice[0]}'; accepted: none of 'gyros.names'")
+        return {name: each for name, each in named.items() if each.rate > 0.0}

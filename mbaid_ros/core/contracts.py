@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, Flags, cross, crossed, exp, mounted_base, rotate_back
+from mbaid_ros.core.geometry import Array, Flags, Integers, cross, crossed, exp, mounted_base, rotate_back
 from mbaid_ros.core.repair import Conversion, Repair, Setting
 from mbaid_ros.core.results.verdict import Reason
 from mbaid_ros.core.robot.model import Configuration, PlaneDetector
@@ -182,6 +182,17 @@ class Unknown:
         kernel : of the robot
         """
         del cause, value, std, kernel
+        return None
+
+    def load_motions(self, kernel: MomentumKernel, placed: Configuration) -> Array | None:
+        """Return the small motions (N, n, d, 6), (u, w), of each joint's load by its n d numbers; None: it moves none.
+
+        Parameters
+        ----------
+        kernel : of the robot where it is linearised
+        placed : in N instants; motions are about the base's origin then, odometry axes
+        """
+        del kernel, placed
         return None
 
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array | None:
@@ -579,6 +590,16 @@ class Observation:
     # has none
     weights: Array | None = None
     of_base: Array | None = None  # (B, r, 6) as of the sensor, where it depends on the motion
+    carried: Carried | None = None  # by joints, where these move the sensor
+
+
+@dataclass(frozen=True)
+class Carried:
+    """How what a sensor on a link reads depends on the joints that move it, at one instant of each of B windows."""
+
+    instants: Integers  # (B,) their places in the course, one window after the other in each interval
+    # (B, r, n, 6) by how much more it reads by a small motion (u, w) of each joint's load, about the base's origin
+    by_loads: Array
 
 
 class Sensor(Protocol):

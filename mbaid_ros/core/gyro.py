@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache, partial
 from typing import Any, ClassVar
@@ -11,6 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from mbaid_ros.core.contracts import (
+    Carried,
     Course,
     Instrument,
     Motion,
@@ -50,7 +51,7 @@ from mbaid_ros.core.odometry.faults import (
 from mbaid_ros.core.odometry.model import parabolic_weights, total
 from mbaid_ros.core.odometry.stream import QUATERNION_TOLERANCE, orientation_only, usable_covariance
 from mbaid_ros.core.repair import Repair, Setting, numbers, wider_prior
-from mbaid_ros.core.robot.model import Kinematics, Link, PlaneDetector, RobotModel, express
+from mbaid_ros.core.robot.model import Kinematics, Link, PlaneDetector, RobotModel, express, sensor_link
 from mbaid_ros.core.robot.momentum import MomentumKernel, inverse_inertia_and_joint_momentum
 from mbaid_ros.core.samples import IMU_TYPE, ArrayRecord, BaseStream, ImuStream, Input, Samples, Stamps, stamps_of
 from mbaid_ros.core.windows import Window, gradient
@@ -104,8 +105,8 @@ class GyroConfig:
     """Largest measurable angular velocity: readings at that limit are not used. 0: unknown; then fast readings that
     repeat to the last bit are not used."""
     frame: str = parameter('')
-    """Link that carries the IMU and whose axes it measures in: on the base or moved by joints, but not the target or a
-    link that the target carries. Empty: the frame_id of the messages, a link on the base."""
+    """Link that carries the IMU and whose axes it measures in: on the base or moved by joints, such as the target; not
+    by a joint of flexible.joints. Empty: the frame_id of the messages, a link on the base."""
 
 
 @dataclass(frozen=True)
@@ -522,6 +523,7 @@ class GyroSensor:
     columns: slice  # of its integral in `Samples.further`
     link: Link | None = None  # that it is on, where joints move it; None on the base
     moved_by: Array = field(default_factory=lambda: np.zeros(0))  # (n,) 1 of each joint that moves this link, else 0
+    before: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (n, n) as of the robot's kinematics
 
     of_pose = False
 
@@ -548,12 +550,13 @@ class GyroSensor:
         """Return the mean angular velocity of the base that it measures."""
         around, inside, spacing = course.around, course.inside, course.spacing
         count, middle = inside.stop - inside.start, (inside.start + inside.stop) // 2
-        axes, relative, gain = around.base_rotation, np.zeros_like(around.turn), None
+        axes, relative, gain, carried = around.base_rotation, np.zeros_like(around.turn), None, None
         if self.link is not None:
             shape = around.turn.shape[:-1]
             axes = course.placed.link_pose(self.link)[0].reshape(*shape, 3, 3)
             gain = np.swapaxes(course.placed.joint_twist[..., 3:] * self.moved_by[:, None], 1, 2).reshape(*shape, 3, -1)
             relative = (gain @ around.joint_velocity[..., None])[..., 0]
+            carried = self._carried(course, middle)
         weight, axes = parabolic_weights(count)[:, None, None], axes[inside]
         changing = course.slope[..., 3:] + gradient(relative)[inside] / spacing
         relative = relative[inside]
@@ -570,7 +573,25 @@ class GyroSensor:
         )
         read = rotate(axes, around.further[inside][..., self.columns])
         noise = np.tile(_preintegrated(count, spacing) * self.density**2 * np.eye(3), (len(base.time), 1, 1))
-        return Observation(total(weight * (read - relative)), noise, own, None if gain is None else gain[middle])
+        of_joints = None if gain is None else gain[middle]
+        return Observation(total(weight * (read - relative)), noise, own, of_joints, carried=carried)
+
+    def _carried(self, course: Course, middle: int) -> Carried:
+        """Return how much more it reads by a turn u of each joint's load: w x u, of the angular velocity before it.
+
+        Parameters
+        ----------
+        middle : the interval in the middle of the windows
+        """
+        windows = len(course.stack.windows)
+        instants = middle * windows + np.arange(windows)
+        turning = course.placed.joint_twist[instants][..., 3:]
+        rate = course.twist[middle - course.inside.start][:, None, 3:] + self.before @ (
+            turning * course.around.joint_velocity[middle][..., None]
+        )
+        by_loads = np.zeros((windows, 3, len(self.moved_by), 6))
+        by_loads[..., 3:] = np.swapaxes(skew(rate) * self.moved_by[:, None, None], 1, 2)
+        return Carried(instants, by_loads)
 
 
 @cache
@@ -590,7 +611,7 @@ def _preintegrated(count: int, spacing: float) -> float:
 
 
 def gyro_sensors(
-    gyros: Mapping[str, GyroConfig], model: RobotModel, target_link: str, frame_prefix: str
+    gyros: Mapping[str, GyroConfig], model: RobotModel, frame_prefix: str, passive: Collection[str] = ()
 ) -> tuple[GyroSensor, ...]:
     """Return gyros, by the names of their parameters, as sensors with columns one after the other.
 
@@ -598,14 +619,14 @@ def gyro_sensors(
 
     Parameters
     ----------
-    target_link, frame_prefix : as of `imu_link`
+    frame_prefix, passive : as of `sensor_link`
     """
     return tuple(
         gyro_sensor(
             name,
             config.noise_density,
             model,
-            imu_link(config, model, target_link, frame_prefix, name),
+            imu_link(config, model, frame_prefix, name, passive),
             slice(3 * place, 3 * place + 3),
         )
         for place, (name, config) in enumerate(gyros.items())
@@ -616,8 +637,9 @@ def gyro_sensor(
     name: str, density: float, model: RobotModel, link: Link | None = None, columns: slice = slice(0, 3)
 ) -> GyroSensor:
     """Return a gyro as a sensor; arguments as of `GyroSensor`, and the robot's model."""
-    moved_by = np.zeros(model.joints) if link is None else Kinematics(model).ancestors[link.body]
-    return GyroSensor(name, density, columns, link, moved_by)
+    kinematics = Kinematics(model)
+    moved_by = np.zeros(model.joints) if link is None else kinematics.ancestors[link.body]
+    return GyroSensor(name, density, columns, link, moved_by, kinematics.before)
 
 
 def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Window]) -> Array:
@@ -728,31 +750,26 @@ class ImuReader:
 
 
 def imu_link(
-    config: GyroConfig, model: RobotModel, target_link: str, frame_prefix: str, name: str = IMU
+    config: GyroConfig, model: RobotModel, frame_prefix: str, name: str = IMU, passive: Collection[str] = ()
 ) -> Link | None:
     """Return the link of an IMU that joints move; None on the base.
 
-    Raises ParameterError: There is no such link, or it moves with the target.
+    Raises ParameterError: There is no such link, joints that nothing reads move it, or it measures alone on the arm.
 
     Parameters
     ----------
-    target_link : as of the parameters, the last link if empty
-    frame_prefix : before the names of links in frame names
+    frame_prefix, passive : as of `sensor_link`
     name : of its parameters
     """
-    given, links = config.frame, {frame_prefix + link.name: link for link in model.links}
-    if not given:
+    if not config.frame:
         return None
-    target, ancestors = model.link(target_link or model.last_link).body, Kinematics(model).ancestors
-    carried = [target > 0 and (body == target or bool(ancestors[body, target - 1])) for body in range(len(ancestors))]
-    alone = isinstance(config, ImuConfig) and config.alone
-    accepted = [frame for frame, link in links.items() if not carried[link.body] and not (alone and link.body)]
-    if given not in accepted:
-        why = ''
-        if given in links:
-            why = ', which moves with the target' if carried[links[given].body] else ", and 'imu.alone' is true"
-        raise ParameterError(f"parameter '{name}.frame' is '{given}'{why}; accepted: {listing(accepted)}")
-    return links[given] if links[given].body else None
+    link = sensor_link(model, config.frame, frame_prefix, f'{name}.frame', passive)
+    if link.body and isinstance(config, ImuConfig) and config.alone:
+        raise ParameterError(
+            f"parameter '{name}.frame' is '{config.frame}', and 'imu.alone' is true; accepted: "
+            f'{listing(each.name for each in model.links if not each.body)}'
+        )
+    return link if link.body else None
 
 
 def gyro_instruments(

@@ -3,24 +3,34 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
-from typing import Any, ClassVar
+from functools import lru_cache, partial
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from mbaid_ros.core.clocks import LATE
-from mbaid_ros.core.contracts import Course, Instrument, Linear, Motion, Observation, Words, deviation_text, diagonal
-from mbaid_ros.core.geometry import Array, Flags, exp, log, rotate, skew
+from mbaid_ros.core.contracts import (
+    Carried,
+    Course,
+    Instrument,
+    Linear,
+    Motion,
+    Observation,
+    Words,
+    deviation_text,
+    diagonal,
+)
+from mbaid_ros.core.geometry import Array, Flags, Integers, exp, log, rotate, skew
 from mbaid_ros.core.odometry.model import MarkerConfig, marker_frame
 from mbaid_ros.core.odometry.stream import AttachedFrame, OdometryReader, PoseReader, orientation_only, source_of
 from mbaid_ros.core.repair import Repair, Setting, numbers, widened, wider_prior
-from mbaid_ros.core.robot.model import RobotModel
+from mbaid_ros.core.robot.model import Kinematics, Link, RobotModel, sensor_link
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import BasePose, BaseStream, Input, Packets, Samples, SensorNoise, Stamps
 from mbaid_ros.core.windows import ANGULAR_FIRST, Window, knot_poses
-from mbaid_ros.errors import ParameterError, listing
+from mbaid_ros.errors import ParameterError
 from mbaid_ros.parameters import by_name, named_groups, parameter
 
 POSE_TYPES = (
@@ -54,7 +64,8 @@ class NamedPoseConfig:
     measures: str = parameter('both', choices=MEASURES)
     """What it measures: position, orientation, or both."""
     frame: str = parameter('')
-    """Link of the base that it locates; empty: child_frame_id of the messages, or the base link."""
+    """Link that it locates: of the base or moved by joints, such as the target. Empty: child_frame_id of the messages,
+    or the base link. A marker is placed in its frame."""
     marker: MarkerConfig = field(default_factory=MarkerConfig)
     position_std: float = parameter(0.0, 'm', minimum=0.0)
     """Standard deviation of each coordinate of a position, where the messages carry no covariance; 0: 0.001."""
@@ -157,6 +168,7 @@ class PoseCollector:
     measures : as of the parameters
     view : transforms measurements of the odometry's world to an inertial frame; None of another world, or where it is
         one
+    located : returns orientations (N, 3, 3) and positions (N, 3), m, of what it locates, at samples
 
     Attributes
     ----------
@@ -174,8 +186,10 @@ class PoseCollector:
         *,
         same_world: bool,
         view: Callable[[BaseStream], BaseStream] | None = None,
+        located: Callable[[Samples], tuple[Array, Array]] | None = None,
     ) -> None:
         self._maximum_gap, self._measures, self._view = maximum_gap, measures, view
+        self._located = located or (lambda samples: (samples.base_rotation, samples.base_position))
         self._world: tuple[Array, Array] | None = (
             (np.eye(3), np.zeros(3)) if same_world else None
         )  # turn and displacement from the odometry's
@@ -246,9 +260,10 @@ class PoseCollector:
         """Return orientations, positions and covariances in the odometry's world, which the first reading places."""
         if self._world is None:
             turn: Array = np.eye(3)
+            rotation, position = (each[0] for each in self._located(samples[place : place + 1]))
             if self._measures != 'position':
-                turn = read.rotation[0] @ samples.base_rotation[place].T
-            self._world = turn, read.position[0] - turn @ samples.base_position[place]
+                turn = read.rotation[0] @ rotation.T
+            self._world = turn, read.position[0] - turn @ position
         turn, shift = self._world
         axes = np.zeros((6, 6))
         axes[:3, :3] = axes[3:, 3:] = turn
@@ -265,8 +280,10 @@ class PoseSensor:
     name: str
     measures: str
     columns: slice  # of its sums in `Samples.readings`
-    lever: Array = field(default_factory=lambda: np.zeros(3))  # m, in base axes, of a point of which it has no turn
+    lever: Array = field(default_factory=lambda: np.zeros(3))  # m, in axes of its link, of a point without a turn
     noise: Mapping[str, float] = field(default_factory=dict)  # by the names of parameters
+    link: Link | None = None  # that it locates, where joints move it; None on the base
+    moved_by: Array = field(default_factory=lambda: np.zeros(0))  # (n,) 1 of each joint that moves this link, else 0
 
     of_pose = True
 
@@ -286,53 +303,97 @@ class PoseSensor:
 
     def observed(self, course: Course, base: Motion) -> Observation:
         """Return by how much its readings in windows are off the knots, in the mean."""
-        window = course.stack.windows
-        inside = window[0].inside
-        knots = course.knots[inside.start : inside.stop + 1]
-        sums = knots.readings[..., self.columns].copy()
-        # From the middle of the first knot to that of the next window's: the motion in between is known.
-        sums[0, :, 0], sums[-1, :, 1] = 0.0, 0.0
-        groups = np.concatenate((sums[:, :, 0], sums[:, :, 1]))  # (g, B, c)
-        count = groups[..., _COUNT]
-        share = count / np.maximum(np.sum(count, axis=0), 1.0)
-        some = np.maximum(count, 1.0)
-        starts = np.array([each.start for each in window])
-        mean_time = np.where(count > 0.0, groups[..., _TIME] / some, starts)
-        place = (mean_time - starts) / course.spacing - 0.5
-        weights = _interpolation(place, len(knots))  # (g, B, m + 1)
-        rotation, position = (each[inside.start : inside.stop + 1] for each in knot_poses(course.knots))
+        groups, place, weights = self._groups(course)
+        own, inside, count = course.stack.windows[0].inside, course.inside, groups[..., _COUNT]
+        share, some = count / np.maximum(np.sum(count, axis=0), 1.0), np.maximum(count, 1.0)
+        rotation, position = (each[own.start : own.stop + 1] for each in knot_poses(course.knots))
         turned, there = _between(rotation, position, place, weights)
+        from_base: Array = np.zeros_like(there)
+        if self.link is not None:
+            turned, from_base = self._on_link(course, place, turned)
+            there = there + from_base
+        lever = rotate(turned, self.lever)
         read = groups[..., _ROTATION].reshape(*count.shape, 3, 3) / some[..., None, None]
-        away = groups[..., _POSITION] / some[..., None] - base.origin - there - rotate(turned, self.lever)
+        away = groups[..., _POSITION] / some[..., None] - base.origin - there - lever
         off = np.concatenate(
             (log(np.where(count[..., None, None] > 0.0, read @ np.swapaxes(turned, -1, -2), np.eye(3))), away), -1
         )
-        mean, at = (np.sum(share[..., None] * each, axis=0) for each in (off, there))
+        mean, at, arms = (np.sum(share[..., None] * each, axis=0) for each in (off, there, from_base + lever))
         axes = np.sum(share[..., None, None] * turned, axis=0)
         total = np.sum(count, axis=0)
-        rows = _ROWS[self.measures]
+        rows, known = _ROWS[self.measures], total > 0.0
         covariance = (
             np.sum(groups[..., _COVARIANCE], axis=0).reshape(-1, 6, 6) / np.maximum(total, 1.0)[:, None, None] ** 2
         )
-        covariance = np.where(
-            total[:, None, None] > 0.0, covariance[:, ANGULAR_FIRST[:, None], ANGULAR_FIRST], np.eye(6)
-        )
-        known = total > 0.0
+        covariance = np.where(known[:, None, None], covariance[:, ANGULAR_FIRST[:, None], ANGULAR_FIRST], np.eye(6))
         axes[~known], at[~known] = base.rotation[~known], base.position[~known]
-        own = replace(
-            base, position=at, rotation=axes, slope=base.twist[:, rows], rate=np.zeros((len(total), len(rows)))
+        by_base = np.tile(np.eye(6), (len(total), 1, 1))
+        by_base[:, 3:, :3] = -skew(arms)
+        twist, gain, carried = (by_base @ base.twist[..., None])[..., 0], None, None
+        if self.link is not None:
+            carried = Carried(_instants(np.sum(share * place, axis=0), course), self._by_loads(arms))
+            joint_twist = course.placed.joint_twist[carried.instants]
+            gain = np.einsum('brnx,bnx->brn', carried.by_loads, joint_twist)
+            twist += (gain @ course.around.joint_velocity[inside].mean(axis=0)[..., None])[..., 0]
+            carried, gain = replace(carried, by_loads=carried.by_loads[:, rows]), gain[:, rows]
+        motion = replace(
+            base, position=at, rotation=axes, twist=twist, slope=twist[:, rows], rate=np.zeros((len(total), len(rows)))
         )
-        arm = None
-        if self.lever.any():
-            arm = np.tile(self.of_base, (len(total), 1, 1))
-            arm[..., :3] = -skew(axes @ self.lever)
         return Observation(
             np.where(known[:, None], mean[:, rows], np.nan),
             covariance[:, rows[:, None], rows],
-            own,
+            motion,
+            gain,
             weights=np.sum(share[..., None] * weights, axis=0),
-            of_base=arm,
+            of_base=by_base[:, rows] if arms.any() else None,
+            carried=carried,
         )
+
+    def _groups(self, course: Course) -> tuple[Array, Array, Array]:
+        """Return sums over readings (g, B, c), their mean places in knots (g, B), and the weights of knots there."""
+        window = course.stack.windows
+        inside = window[0].inside
+        sums = course.knots.readings[inside.start : inside.stop + 1][..., self.columns].copy()
+        # From the middle of the first knot to that of the next window's: the motion in between is known.
+        sums[0, :, 0], sums[-1, :, 1] = 0.0, 0.0
+        groups = np.concatenate((sums[:, :, 0], sums[:, :, 1]))
+        count, starts = groups[..., _COUNT], np.array([each.start for each in window])
+        mean_time = np.where(count > 0.0, groups[..., _TIME] / np.maximum(count, 1.0), starts)
+        place = (mean_time - starts) / course.spacing - 0.5
+        return groups, place, _interpolation(place, len(sums))
+
+    def _on_link(self, course: Course, place: Array, turned: Array) -> tuple[Array, Array]:
+        """Return the orientation (g, B, 3, 3) of its link, and how far it is from the base's origin, (g, B, 3) m.
+
+        Parameters
+        ----------
+        place : (g, B) of readings, in knots from the windows' first one
+        turned : (g, B, 3, 3) orientation of the base then
+        """
+        assert self.link is not None
+        shape = course.around.turn.shape[:2]
+        rotation, position = (each.reshape(*shape, *each.shape[1:]) for each in course.placed.link_pose(self.link))
+        back = np.swapaxes(course.around.base_rotation, -1, -2)
+        middle = place - 0.5 + course.inside.start  # in intervals
+        relative, away = _between(
+            back @ rotation, (back @ position[..., None])[..., 0], middle, _interpolation(middle, shape[0])
+        )
+        return turned @ relative, rotate(turned, away)
+
+    def _by_loads(self, arms: Array) -> Array:
+        """Return its motion (B, 6, n, 6) by small motions of the joints' loads; `arms` (B, 3) m, from the base."""
+        found = np.zeros((len(arms), 6, len(self.moved_by), 6))
+        found[:, :3, :, 3:] = np.eye(3)[:, None]
+        found[:, 3:, :, :3] = np.eye(3)[:, None]
+        found[:, 3:, :, 3:] = -skew(arms)[:, :, None]
+        return found * self.moved_by[:, None]
+
+
+def _instants(place: Array, course: Course) -> Integers:
+    """Return the intervals (B,) of a course nearest to places in knots from the windows' first one."""
+    nearest = np.clip(np.floor(place).astype(int), 0, course.inside.stop - course.inside.start - 1)
+    windows = len(course.stack.windows)
+    return np.asarray((course.inside.start + nearest) * windows + np.arange(windows))
 
 
 @lru_cache(maxsize=256)
@@ -458,22 +519,38 @@ def declared_poses(config: PosesConfig) -> tuple[PoseErrors, ...]:
     )
 
 
-def pose_sensors(config: PosesConfig, model: RobotModel, frame_prefix: str) -> tuple[PoseSensor, ...]:
+def pose_sensors(
+    config: PosesConfig, model: RobotModel, frame_prefix: str, passive: Collection[str] = ()
+) -> tuple[PoseSensor, ...]:
     """Return poses as sensors with columns one after the other.
 
     Raises ParameterError: A sensor cannot be on the frame that its parameters name, or too little is measured.
+
+    Parameters
+    ----------
+    frame_prefix, passive : as of `sensor_link`
     """
     _refuse(config)
-    return tuple(
-        PoseSensor(
-            f'poses.{name}',
-            own.measures,
-            slice(_WIDTH * place, _WIDTH * (place + 1)),
-            _frame(name, own, model, frame_prefix)[1] if own.measures == 'position' else np.zeros(3),
-            {f'poses.{name}.{part}_std': value for part, value in _levels(own).items()},
+    found, ancestors = [], Kinematics(model).ancestors
+    for place, (name, own) in enumerate(config.used.items()):
+        frame = _frame(name, own, model, frame_prefix, passive)
+        if frame.link is not None and name in _reference_names(config):
+            raise ParameterError(
+                f"parameter 'poses.{name}.frame' is '{own.frame}', and it is the first to locate the base, as "
+                "'poses.alone' is true; accepted: a link of the base"
+            )
+        found.append(
+            PoseSensor(
+                f'poses.{name}',
+                own.measures,
+                slice(_WIDTH * place, _WIDTH * (place + 1)),
+                frame.position if own.measures == 'position' else np.zeros(3),
+                {f'poses.{name}.{part}_std': value for part, value in _levels(own).items()},
+                frame.link,
+                ancestors[0 if frame.link is None else frame.link.body],
+            )
         )
-        for place, (name, own) in enumerate(config.used.items())
-    )
+    return tuple(found)
 
 
 def _levels(config: NamedPoseConfig) -> dict[str, float]:
@@ -488,21 +565,38 @@ def pose_instruments(
     frame_prefix: str,
     maximum_gap: int,
     view: Callable[[BaseStream], BaseStream] | None,
+    passive: Collection[str] = (),
 ) -> list[Instrument]:
     """Return the readers and collectors of pose sensors.
 
     Parameters
     ----------
-    frame_prefix : before the names of links in frame names
+    frame_prefix, passive : as of `sensor_link`
     maximum_gap, view : as of `PoseCollector`
     """
-    places = _reference_names(config)
+    places, kinematics = _reference_names(config), Kinematics(model)
     found = []
-    for sensor, (name, own) in zip(pose_sensors(config, model, frame_prefix), config.used.items(), strict=True):
+    sensors = pose_sensors(config, model, frame_prefix, passive)
+    for sensor, (name, own) in zip(sensors, config.used.items(), strict=True):
         same = own.same_world or name in places
-        collector = PoseCollector(maximum_gap, own.measures, same_world=same, view=view if same else None)
+        collector = PoseCollector(
+            maximum_gap,
+            own.measures,
+            same_world=same,
+            view=view if same else None,
+            located=partial(_located, sensor=sensor, kinematics=kinematics),
+        )
         found.append(Instrument(sensor, _reader(name, own, model, frame_prefix), collector, _numbers))
     return found
+
+
+def _located(samples: Samples, sensor: PoseSensor, kinematics: Kinematics) -> tuple[Array, Array]:
+    """Return orientations (N, 3, 3) and positions (N, 3), m, of what a sensor locates, at samples."""
+    rotation, position = samples.base_rotation, samples.base_position
+    if sensor.link is not None:
+        turned, away = kinematics.configure(rotation, samples.joint_position).link_pose(sensor.link)
+        rotation, position = turned, position + away
+    return rotation, position + rotate(rotation, sensor.lever)
 
 
 def _numbers(stream: BaseStream) -> Array:
@@ -513,12 +607,12 @@ def _reader(name: str, config: NamedPoseConfig, model: RobotModel, prefix: str) 
     """Return the reader of a sensor's messages."""
     levels = config.position_std or 1e-3, config.orientation_std or 1e-4
     noise = SensorNoise(0.0, 0.0, *levels, 1.0, 1.0)
-    rotation, position, given = _frame(name, config, model, prefix)
+    frame = _frame(name, config, model, prefix)
     base = prefix + model.base_link
     if config.measures == 'position':  # a point; where it is on the base is of no use without a turn
         reader = OdometryReader({}, AttachedFrame(np.eye(3), np.zeros(3)), (), 'child', noise)
-    elif given:
-        reader = OdometryReader({}, AttachedFrame(rotation, position), (), 'child', noise)
+    elif frame.given:
+        reader = OdometryReader({}, AttachedFrame(frame.rotation, frame.position), (), 'child', noise)
     else:
         links = {
             prefix + link.name: AttachedFrame(link.rotation, link.position) for link in model.links if not link.body
@@ -527,25 +621,31 @@ def _reader(name: str, config: NamedPoseConfig, model: RobotModel, prefix: str) 
     return NamedPoseReader(config.measures, base, reader)
 
 
-def _frame(name: str, config: NamedPoseConfig, model: RobotModel, prefix: str) -> tuple[Array, Array, bool]:
-    """Return axes (3, 3) and origin (3,), in the base link's frame, of the frame a sensor locates, and whether given.
+class _Frame(NamedTuple):
+    """The frame that a sensor locates, in that of the base link, or of a link that joints move."""
 
-    Raises ParameterError: It is no link of the base, or its marker's orientation is no unit quaternion.
+    rotation: Array  # (3, 3)
+    position: Array  # (3,) m
+    link: Link | None  # that one; None on the base
+    given: bool  # whether parameters say which it is
+
+
+def _frame(name: str, config: NamedPoseConfig, model: RobotModel, prefix: str, passive: Collection[str] = ()) -> _Frame:
+    """Return the frame that a sensor locates; arguments as of `sensor_link`.
+
+    Raises ParameterError: It is no link, or its marker's orientation is no unit quaternion.
     """
     try:
         marker = marker_frame(config.marker)
     except ParameterError as error:
         raise ParameterError(str(error).replace("'marker.", f"'poses.{name}.marker.")) from error
-    if marker is not None:
-        return marker.rotation, marker.position, True
-    links = {prefix + link.name: link for link in model.links if link.body == 0}
+    rotation, position = (np.eye(3), np.zeros(3)) if marker is None else (marker.rotation, marker.position)
     if not config.frame:
-        return np.eye(3), np.zeros(3), False
-    if config.frame not in links:
-        raise ParameterError(
-            f"parameter 'poses.{name}.frame' is '{config.frame[:60]}'; accepted: a link of the base: {listing(links)}"
-        )
-    return links[config.frame].rotation, links[config.frame].position, True
+        return _Frame(rotation, position, None, marker is not None)
+    link = sensor_link(model, config.frame, prefix, f'poses.{name}.frame', passive)
+    if link.body:
+        return _Frame(rotation, position, link, given=True)
+    return _Frame(link.rotation @ rotation, link.position + link.rotation @ position, None, given=True)
 
 
 def _reference_names(config: PosesConfig) -> tuple[str, ...]:
@@ -654,5 +754,5 @@ def reference(config: PosesConfig, model: RobotModel, frame_prefix: str) -> Refe
     position, orientation = (config.measuring(part)[:1] for part in ('position', 'orientation'))
     lever: Array = np.zeros(3)
     if position and config.used[position[0]].measures == 'position':
-        lever = _frame(position[0], config.used[position[0]], model, frame_prefix)[1]
+        lever = _frame(position[0], config.used[position[0]], model, frame_prefix).position
     return Reference(f'poses.{position[0]}' if position else None, f'poses.{orientation[0]}', lever)

@@ -100,7 +100,10 @@ class SimulatorNode(Node):
         self._waiting: deque[TimedMessage] = deque()
         self._computed = -math.inf  # s of the run that the messages computed so far reach
         rate = max(self._config.joint_rate, self._config.odometry_rate)
-        self._pace = Pace(self._config.real_time_factor, _AT_ONCE / max(rate, self._config.imu.rate))
+        of_gyros = [each.rate for each in self._config.further_gyros.values()]
+        of_poses = [each.rate for each in self._config.further_poses.values()]
+        most = max(rate, *of_gyros, *of_poses, 0.0)
+        self._pace = Pace(self._config.real_time_factor, _AT_ONCE / most)
         self._clock_published = -math.inf  # s of the run on /clock
         self.over = False  # whether everything has been published
         self._description.publish(self._run.description())

@@ -12,12 +12,12 @@ import numpy as np
 from mbaid_ros.config.parameter_files import read_yaml
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.errors import DataError, ParameterError, listing
-from mbaid_ros.parameters import shown
+from mbaid_ros.parameters import check_sensor_names, shown
 from mbaid_ros.recordings.recording import Recording, turned_about_z
 from mbaid_ros.recordings.table_files import Table, read_table
-from mbaid_ros.sensor_messages import Joints, Poses, Thrust
+from mbaid_ros.sensor_messages import Imu, Joints, NamedPoses, Poses, Thrust
 
-_KEYS = ('separator', 'header', 'time', 'base', 'joints', 'thrust')
+_KEYS = ('separator', 'header', 'time', 'base', 'joints', 'thrust', 'gyros', 'poses')
 _COLUMN_KEYS = ('column', 'scale', 'offset')
 
 
@@ -34,10 +34,13 @@ def read_csv(path: Path, columns: Path) -> Recording:
     table = read_table(path, separator, header=mapping.flag('header', default=True))
     reading = _Reading(table)
     time = reading.column(mapping.required('time'), mapping.where('time'))
+    named: list[Imu | NamedPoses] = [*_gyros(mapping, reading, time), *_named_poses(mapping, reading, time)]
+    check_sensor_names(mapping.name(), [each.topic for each in named if each.topic != Imu.topic])
     return Recording(
         _joints(mapping, reading, time),
         _poses(mapping, reading, time),
         _thrust(mapping, reading, time),
+        named=tuple(named),
         notes=reading.notes(),
     )
 
@@ -99,6 +102,44 @@ def _thrust(mapping: _Mapping, reading: _Reading, time: Array) -> Thrust | None:
     wrench = np.concatenate(parts, axis=1)
     used = reading.used('thrust commands', thrust, time, wrench)
     return Thrust(time[used], wrench[used], thrust.text('frame', 'base_link'))
+
+
+def _named(mapping: _Mapping, key: str, keys: Sequence[str]) -> dict[str, _Mapping]:
+    """Return the mappings of sensors of a kind by their names."""
+    group = mapping.part(key)
+    if group is None:
+        return {}
+    check_sensor_names(group.name(), [name for name in group.values if name != Imu.topic or key != 'gyros'])
+    return {name: _Mapping(each, mapping.file, f'{key}.{name}', keys) for name, each in group.values.items()}
+
+
+def _gyros(mapping: _Mapping, reading: _Reading, time: Array) -> list[Imu]:
+    found = []
+    for name, each in _named(mapping, 'gyros', ('frame', 'angular_velocity')).items():
+        rate = reading.columns(each, 'angular_velocity', (3,))
+        used = reading.used(f'readings of {name}', each, time, rate)
+        count, frame = int(np.sum(used)), each.text('frame', 'base_link')
+        found.append(Imu(time[used], rate[used], np.zeros((count, 0)), frame, topic=name))
+    return found
+
+
+def _named_poses(mapping: _Mapping, reading: _Reading, time: Array) -> list[NamedPoses]:
+    found = []
+    for name, each in _named(mapping, 'poses', ('frame', 'position', 'orientation')).items():
+        parts = [part for part in ('position', 'orientation') if part in each.values]
+        if not parts:
+            raise ParameterError(f'{each.name()} has no position and no orientation; accepted: one of them, or both')
+        position: Array = np.zeros((len(time), 3))
+        orientation: Array = np.tile([0.0, 0.0, 0.0, 1.0], (len(time), 1))
+        if 'position' in parts:
+            position = reading.columns(each, 'position', (3,))
+        if 'orientation' in parts:
+            orientation = reading.columns(each, 'orientation', (4,))
+        used = reading.used(f'readings of {name}', each, time, position, orientation)
+        measures = 'both' if len(parts) > 1 else parts[0]
+        poses = time[used], position[used], orientation[used]
+        found.append(NamedPoses(name, *poses, measures, each.text('frame', 'world')))
+    return found
 
 
 class _Reading:

@@ -16,7 +16,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.errors import DataError
 from mbaid_ros.files import write_text
-from mbaid_ros.sensor_messages import SENSOR_TYPES, Imu, Joints, Poses, StoredMomentum, Thrust, in_order
+from mbaid_ros.sensor_messages import Imu, Joints, NamedPoses, Poses, StoredMomentum, Thrust, in_order
 
 JOINT_STATES, ODOMETRY, THRUST, IMU = '/joint_states', '/odom', '/thrust', '/imu'
 STORED_MOMENTUM = '/stored_momentum'
@@ -35,6 +35,7 @@ class Recording:
     thrust: Thrust | tuple[Thrust, ...] | None = None  # several, each of a frame of its own
     imu: Imu | None = None
     stored: StoredMomentum | None = None
+    named: tuple[Imu | NamedPoses, ...] = ()  # further gyros and poses, each on a topic of its own
     robot: str = ''  # URDF of the robot that was flown
     parameters: str = ''  # text of a parameter file of the estimator
     truth: dict[str, Any] = field(default_factory=dict)  # content of `truth.json`
@@ -45,7 +46,7 @@ class Recording:
         """Return the readings between two times, s, both included."""
         parts = {
             name: _between(part, begin, end)
-            for name in ('joints', 'poses', 'thrust', 'imu', 'stored')
+            for name in ('joints', 'poses', 'thrust', 'imu', 'stored', 'named')
             if (part := getattr(self, name)) is not None
         }
         return Recording(**{**vars(self), **parts})
@@ -66,8 +67,8 @@ def write_recording(recording: Recording, path: Path) -> int:
         if recording.robot:
             bag.add_topic(DESCRIPTION, 'std_msgs/msg/String', latched=True)
             bag.write(DESCRIPTION, message_class('std_msgs/msg/String')(data=recording.robot), messages[0][0])
-        for topic in dict.fromkeys(own for _, own, _ in messages):
-            bag.add_topic(topic, SENSOR_TYPES[topic[1:]])
+        for topic, kind in {own: message.__msgtype__ for _, own, message in messages}.items():
+            bag.add_topic(topic, kind)
         for stamp, topic, message in messages:
             bag.write(topic, message, stamp)
     texts = {
@@ -106,7 +107,7 @@ def _in_order(recording: Recording) -> list[tuple[int, str, Any]]:
     Raises DataError: A time cannot be a stamp.
     """
     thrust = recording.thrust if isinstance(recording.thrust, tuple) else (recording.thrust,)
-    every = (*thrust, recording.imu, recording.stored, recording.poses, recording.joints)
+    every = (*thrust, recording.imu, *recording.named, recording.stored, recording.poses, recording.joints)
     parts = [part for part in every if part is not None]
     for part in parts:
         bad = ~((part.time >= 0.0) & (part.time < _LATEST))

@@ -121,7 +121,7 @@ def inputs(config: EstimatorConfig) -> dict[str, Input]:
 
 def _gyro_sensors(config: EstimatorConfig, model: RobotModel) -> tuple[GyroSensor, ...]:
     gyros = declared_gyros(config.imu, config.gyros)
-    return gyro_sensors(gyros, model, config.target_link, config.frame_prefix)
+    return gyro_sensors(gyros, model, config.frame_prefix, config.flexible.joints)
 
 
 def sensors(config: EstimatorConfig, model: RobotModel) -> tuple[NamedSensor, ...]:
@@ -129,7 +129,8 @@ def sensors(config: EstimatorConfig, model: RobotModel) -> tuple[NamedSensor, ..
 
     Raises ParameterError: A sensor cannot be where the parameters place it.
     """
-    return (*_gyro_sensors(config, model), *pose_sensors(config.poses, model, config.frame_prefix))
+    further = pose_sensors(config.poses, model, config.frame_prefix, config.flexible.joints)
+    return (*_gyro_sensors(config, model), *further)
 
 
 def instruments(
@@ -145,7 +146,7 @@ def instruments(
     gyros, noise = declared_gyros(config.imu, config.gyros), config.noise.declared.base_orientation
     found = (
         *gyro_instruments(gyros, _gyro_sensors(config, model), model, prefix, noise, gap),
-        *pose_instruments(config.poses, model, prefix, gap, view),
+        *pose_instruments(config.poses, model, prefix, gap, view, config.flexible.joints),
     )
     return {each.sensor.name: each for each in found}
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
-from mbaid_ros.core.geometry import Array, quaternion_from_rotation, rotate_back
+from mbaid_ros.core.geometry import Array, exp, quaternion_from_rotation, rotate, rotate_back, rotation_from_quaternion
 from mbaid_ros.core.robot.model import Kinematics, Link, RobotModel
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.simulation import quaternions
@@ -26,6 +27,7 @@ class ImuErrors:
     scale: tuple[float, ...] = (0.0, 0.0, 0.0)  # (3,) relative error of each axis
     # rad, white noise of the orientation, about fixed axes; 0 is an IMU without orientation
     orientation: float = 0.0
+    turn: tuple[float, ...] = (0.0, 0.0, 0.0)  # rad, of its axes on its link, a rotation vector
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,84 @@ class ImuReadings:
     link: str = ''  # name of that link; empty is the base link
 
 
+@dataclass(frozen=True)
+class PoseErrors:
+    """What a sensor of poses locates, and its errors."""
+
+    measures: str = 'both'  # 'position', 'orientation' or 'both'
+    place: tuple[float, ...] = (0.0, 0.0, 0.0)  # m, of the point that it locates, in the frame of its link
+    turn: tuple[float, ...] = (0.0, 0.0, 0.0)  # rad, of its axes there, a rotation vector
+    position: float = 0.0  # m, noise of each coordinate
+    orientation: float = 0.0  # rad, noise about each axis
+    correlation_time: float = 0.0  # s, of both; 0: white
+    world_turn: tuple[float, ...] = (0.0, 0.0, 0.0)  # rad, from the odometry's frame to its own
+    world_position: tuple[float, ...] = (0.0, 0.0, 0.0)  # m, of the odometry's frame in its own
+
+
+@dataclass(frozen=True)
+class PoseReadings:
+    """N readings of a sensor of poses, in its own frame."""
+
+    time: Array  # (N,) s since the start of the run
+    position: Array  # (N, 3) m
+    orientation: Array  # (N, 4) quaternions (x, y, z, w) from the axes of its link
+    measures: str
+
+
+class PoseTracker:
+    """A star tracker, a camera or motion capture with seeded errors, however its readings are cut into batches.
+
+    Parameters
+    ----------
+    seed : the same one gives the same noise
+    robot, link : the one that moves, and the link that is located
+    view : converts a motion into the frame of the odometry, if that is not the falling one
+    """
+
+    def __init__(
+        self,
+        rate: float,
+        errors: PoseErrors,
+        seed: Sequence[int],
+        robot: RobotModel,
+        link: Link,
+        view: Callable[[Truth], Truth] | None = None,
+    ) -> None:
+        self.rate = rate
+        self._errors, self._link, self._view = errors, link, view
+        self._kinematics = Kinematics(robot)
+        self._noise = np.random.default_rng(np.random.SeedSequence(seed))
+        self._last: Array = np.full(6, np.nan)
+
+    def readings(self, truth: Truth) -> PoseReadings:
+        """Return its readings of the true motion at the next N of its instants."""
+        errors, seen = self._errors, truth if self._view is None else self._view(truth)
+        placed = self._kinematics.configure(rotation_from_quaternion(seen.base_orientation), seen.joint_position)
+        turned, away = placed.link_pose(self._link)
+        noise = self._errors_of(len(truth.time))
+        rotation = exp(errors.orientation * noise[:, :3]) @ turned @ exp(np.array(errors.turn))
+        position = seen.base_position + away + rotate(turned, np.array(errors.place)) + errors.position * noise[:, 3:]
+        world = exp(np.array(errors.world_turn))
+        return PoseReadings(
+            truth.time,
+            position @ world.T + np.array(errors.world_position),
+            quaternion_from_rotation(world @ rotation),
+            errors.measures,
+        )
+
+    def _errors_of(self, count: int) -> Array:
+        """Return the next errors of unit size (N, 6): a first-order Gauss-Markov process, or white."""
+        white = self._noise.standard_normal((count, 6))
+        time = self._errors.correlation_time
+        if time == 0.0:
+            return white
+        kept = math.exp(-1.0 / (self.rate * time))
+        for each in white:
+            each[:] = each if np.isnan(self._last).any() else kept * self._last + math.sqrt(1.0 - kept**2) * each
+            self._last = each.copy()
+        return white
+
+
 class Imu:
     """A gyro with seeded errors; they do not depend on how the readings are cut into batches.
 
@@ -50,7 +130,12 @@ class Imu:
     """
 
     def __init__(
-        self, rate: float, errors: ImuErrors, seed: int, robot: RobotModel | None = None, link: Link | None = None
+        self,
+        rate: float,
+        errors: ImuErrors,
+        seed: int | Sequence[int],
+        robot: RobotModel | None = None,
+        link: Link | None = None,
     ) -> None:
         self.rate = rate
         self._errors = errors
@@ -64,6 +149,10 @@ class Imu:
         """Return its readings of the true motion at the next N of its instants."""
         errors = self._errors
         orientation, angular_velocity = self._of_link(truth)
+        if any(errors.turn):
+            axes = exp(np.array(errors.turn))
+            angular_velocity = angular_velocity @ axes
+            orientation = quaternions.product(orientation, quaternion_from_rotation(axes))
         shape = angular_velocity.shape
         steps = errors.bias_walk / np.sqrt(self.rate) * self._walk.standard_normal(shape)
         bias = np.cumsum(np.concatenate((self._bias[None], steps)), axis=0)
@@ -196,7 +285,7 @@ class SensedSimulation:
     ----------
     simulation : the true motion
     joint_rate, odometry_rate : readings a second, from time 0 on
-    imu : on a link, if there is one
+    further : gyros and sensors of poses by their topics
     """
 
     def __init__(
@@ -205,30 +294,25 @@ class SensedSimulation:
         sensors: Sensors,
         joint_rate: float,
         odometry_rate: float,
-        imu: Imu | None = None,
+        further: Mapping[str, Imu | PoseTracker] | None = None,
     ) -> None:
         self._simulation = simulation
         self._sensors = sensors
-        self._imu = imu
-        self._rates = (joint_rate, odometry_rate, 0.0 if imu is None else imu.rate)
-        self._given = [0, 0, 0]
+        self._further = further or {}
+        self._rates = (joint_rate, odometry_rate, *(each.rate for each in self._further.values()))
+        self._given = [0] * len(self._rates)
 
-    def read(self, until: float) -> tuple[JointReadings, BaseReadings, ImuReadings | None]:
+    def read(self, until: float) -> tuple[JointReadings, BaseReadings, dict[str, ImuReadings | PoseReadings]]:
         """Return the readings that are due up to and including a time (s) and have not been returned before.
 
         Raises ModelError: The motion has diverged.
         """
-        joint_time, base_time = (self._due(sensor, until) for sensor in (0, 1))
-        imu_time = np.zeros(0) if self._imu is None else self._due(2, until)
-        instants = np.union1d(np.union1d(joint_time, base_time), imu_time)
+        times = [self._due(sensor, until) for sensor in range(len(self._rates))]
+        instants = reduce(np.union1d, times)
         truth = self._simulation.advance(instants)
-        joints = truth[np.searchsorted(instants, joint_time)]
-        base = truth[np.searchsorted(instants, base_time)]
-        imu = None
-        if self._imu is not None:
-            turning = truth[np.searchsorted(instants, imu_time)]
-            imu = self._imu.readings(turning)
-        return self._sensors.joints(joints), self._sensors.base(base), imu
+        joints, base, *others = (truth[np.searchsorted(instants, time)] for time in times)
+        further = {name: each.readings(seen) for (name, each), seen in zip(self._further.items(), others, strict=True)}
+        return self._sensors.joints(joints), self._sensors.base(base), further
 
     def _due(self, sensor: int, until: float) -> Array:
         rate = self._rates[sensor]

@@ -20,6 +20,7 @@ from mbaid_ros.core.poses import EARLY, PoseCollector, pose_errors
 from mbaid_ros.core.poses import _between as between
 from mbaid_ros.core.poses import _interpolation as interpolation
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.model import Kinematics
 from mbaid_ros.core.samples import BaseStream, Samples, Stamps
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.parameters import build
@@ -52,9 +53,16 @@ def said(seed: int, seconds: float, *without: str) -> Said:
 
 
 def poses(
-    name: str, seed: int, seconds: float, rate: float, noise: tuple[float, float], world: tuple[float, ...] = ()
+    name: str,
+    seed: int,
+    seconds: float,
+    rate: float,
+    noise: tuple[float, float],
+    world: tuple[float, ...] = (),
+    *,
+    link: str = 'base_link',
 ) -> Said:
-    """Return what a sensor of the base's pose says in the same run.
+    """Return what a sensor of a link's pose says in the same run.
 
     Parameters
     ----------
@@ -65,8 +73,11 @@ def poses(
     times = np.arange(0.0137, seconds, 1.0 / rate)
     truth = simulation.advance(times)
     random = np.random.default_rng([seed, 77])
-    rotation = exp(noise[1] * random.normal(size=(len(times), 3))) @ rotation_from_quaternion(truth.base_orientation)
-    position = truth.base_position + noise[0] * random.normal(size=(len(times), 3))
+    moved, kinematics = robot(ROBOT), Kinematics(robot(ROBOT))
+    placed = kinematics.configure(rotation_from_quaternion(truth.base_orientation), truth.joint_position)
+    turned, away = placed.link_pose(moved.link(link))
+    rotation = exp(noise[1] * random.normal(size=(len(times), 3))) @ turned
+    position = truth.base_position + away + noise[0] * random.normal(size=(len(times), 3))
     if world:
         turn = exp(np.array(world[:3]))
         rotation, position = turn @ rotation, position @ turn.T + np.array(world[3:])
@@ -138,6 +149,17 @@ def test_motion_capture_beside_odometry_makes_estimates_sharper(world: tuple[flo
     both = last([*said(0, 11.0, 'imu'), *read], {**EXACT, **names, 'poses.mocap.same_world': not world})
     assert both.status in {'estimating', 'converged'}
     assert np.all(both.std < 0.6 * alone.std)
+    assert np.all(np.abs(normalised(both, ROBOT)) < 3.5)
+
+
+@pytest.mark.parametrize('link', ['link3', 'link7'])
+def test_a_camera_on_the_arm_or_on_the_target_makes_estimates_sharper(link: str) -> None:
+    alone = last(said(4, 11.0, 'imu'), EXACT)
+    read = poses('mocap', 4, 11.0, 100.0, (1e-4, 2e-5), (0.3, -0.5, 1.0, 3.0, 2.0, 1.0), link=link)
+    names = {'poses.names': ['mocap'], 'poses.mocap.position_std': 1e-4, 'poses.mocap.orientation_std': 2e-5}
+    both = last([*said(4, 11.0, 'imu'), *read], {**EXACT, **names, 'poses.mocap.frame': link})
+    assert both.status in {'estimating', 'converged'}
+    assert np.all(both.std < 0.8 * alone.std)
     assert np.all(np.abs(normalised(both, ROBOT)) < 3.5)
 
 
@@ -276,7 +298,8 @@ def test_samples_have_the_readings_since_the_one_before(pieces: int) -> None:
     [
         ({'poses.names': ['a', 'a']}, "'poses.names' has 'a'"),
         ({'poses.names': ['imu']}, "'poses.names' has 'imu'"),
-        ({'poses.names': ['a'], 'poses.a.frame': 'link3'}, "'poses.a.frame' is 'link3'"),
+        ({'poses.names': ['a'], 'poses.a.frame': 'link9'}, "'poses.a.frame' is 'link9'; accepted: base_link, link1"),
+        ({'poses.names': ['a'], 'poses.a.frame': 'link3', 'poses.alone': True}, "'poses.a.frame' is 'link3', and it"),
         ({'poses.names': ['a'], 'poses.b.use': True}, "'poses.b' is of no pose"),
         ({'poses.names': ['a'], 'poses.a.measures': 'position'}, "'poses.a.same_world' is false"),
         ({'poses.alone': True}, "'poses.alone' is true, and none of 'poses.names' measures the orientation"),

@@ -65,6 +65,28 @@ def test_columns_become_messages(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert (wrench.header.frame_id, wrench.wrench.force.x, wrench.wrench.force.z) == ('plate', 0.25, -1.0)
 
 
+NAMED = """\
+time: t
+gyros:
+  imu: {angular_velocity: [a, b, c]}
+  arm: {frame: link3, angular_velocity: [a, c, b]}
+poses:
+  tracker: {orientation: [x, y, z, w]}
+  mocap: {position: [{column: a, scale: 0.001}, b, c], orientation: [x, y, z, w]}
+"""
+
+
+def test_further_sensors_have_topics_of_their_names(tmp_path: Path) -> None:
+    assert convert(tmp_path, 't,a,b,c,x,y,z,w\n1,10,2,3,0,0,0,1\n2,20,5,6,,,,\n3,30,8,9,0,0,1,0\n', NAMED) == 0
+    imu, arm = messages(tmp_path, '/imu'), messages(tmp_path, '/arm')
+    assert [each.angular_velocity.z for each in imu] == [3.0, 6.0, 9.0]
+    assert [(each.header.frame_id, each.angular_velocity.z) for each in arm] == [('link3', v) for v in (2.0, 5.0, 8.0)]
+    assert [each.quaternion.z for each in messages(tmp_path, '/tracker')] == [0.0, 1.0]
+    mocap = messages(tmp_path, '/mocap')
+    assert [each.pose.position.x for each in mocap] == pytest.approx([0.01, 0.03])
+    assert [each.pose.orientation.w for each in mocap] == [1.0, 0.0]
+
+
 def test_fields_in_quotes_are_numbers(tmp_path: Path) -> None:
     assert convert(tmp_path) == 0
     plain = messages(tmp_path, '/odom')
@@ -106,7 +128,7 @@ BASE = 'base: {position: [x, y], heading: yaw}\n'
 @pytest.mark.parametrize(
     ('mapping', 'text'),
     [
-        ('', 'accepted: separator, header, time, base, joints, thrust with values'),
+        ('', 'accepted: separator, header, time, base, joints, thrust, gyros, poses with values'),
         (BASE, "lacks 'time'"),
         (TIME, 'the log holds no joint states and no poses'),
         (f'{TIME}arm: 1', "has 'arm'; accepted: separator, header"),
@@ -118,6 +140,9 @@ BASE = 'base: {position: [x, y], heading: yaw}\n'
         ('time: {column: t, scale: ms}', "has 'ms'; accepted: a number"),
         ('time: 1.5', 'accepted: the name of a column, or its number from 0 on'),
         (f'{TIME}base: {{position: [x], heading: yaw}}', 'accepted: a list of 2 or 3 columns'),
+        (f'{TIME}poses: {{odom: {{position: [x, y, y]}}}}', "has 'odom'; accepted: letters"),
+        (f'{TIME}poses: {{a: {{frame: b}}}}', 'has no position and no orientation'),
+        (f'{TIME}gyros: {{a: {{angular_velocity: [x]}}}}', 'accepted: a list of 3 columns'),
         (f'{TIME}base: {{position: [x, y]}}', 'has heading and orientation both, or neither'),
         (
             f'{TIME}{BASE}joints: {{a: {{position: q1, velocity: qd1}}, b: {{position: q1}}}}',

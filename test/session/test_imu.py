@@ -139,15 +139,15 @@ def test_taken_for_one_on_the_base_it_is_reported() -> None:
     ('given', 'reason'),
     [
         ({'imu.frame': 'nowhere'}, "'imu.frame' is 'nowhere'; accepted: base_link, link1, link2"),
-        ({'imu.frame': 'link6'}, "'imu.frame' is 'link6', which moves with the target; accepted: base_link, link1"),
+        ({'imu.frame': 'link6', 'flexible.joints': ['joint6'], 'flexible.joint6.frequency': 0.5},
+         "'imu.frame' is 'link6', which a joint of flexible.joints moves; accepted: base_link, link1"),
         ({'imu.frame': 'link3', 'imu.alone': True}, "'imu.frame' is 'link3', and 'imu.alone' is true; accepted: base"),
-        ({'imu.frame': 'a/link3', 'target_link': 'link3', 'frame_prefix': 'a/'}, 'which moves with the target'),
         ({'imu.orientation': True}, "'imu.orientation' is true without 'imu.alone'; accepted: both"),
         ({'imu.alone': True, 'imu.noise_density': 0.0}, "'imu.alone' is true, and .*imu.noise_density is 0"),
         ({'imu.alone': True, 'method': 'difference'}, "'imu.alone' is true, and .*difference, which needs poses"),
         ({'imu.alone': True, 'capture.phase': 'pre_capture'}, "'imu.alone' is true, and .*the run has a capture"),
     ],
-)
+)  # fmt: skip
 def test_parameters_that_do_not_fit_are_refused(given: dict[str, object], reason: str) -> None:
     with pytest.raises(ParameterError, match=reason):
         Session(build(EstimatorConfig, {**KNOWN, **given}), urdf('ets7'))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.linalg import block_diag
 
-from mbaid_ros.core.contracts import Axes, Course, Motion, Observation, Sensor, Stack, stacked
+from mbaid_ros.core.contracts import Axes, Carried, Course, Motion, Observation, Sensor, Stack, stacked
 from mbaid_ros.core.geometry import Array, Integers, composed, cross, exp, skew
 from mbaid_ros.core.joints.model import JointNoise, by_deflections, errors_in_variables_bias, joint_noise
 from mbaid_ros.core.odometry.model import (
@@ -393,6 +393,7 @@ def _rates(
         common = np.concatenate(
             [part * (each.weights is None) @ noise.common for part, each in zip(parts, seen, strict=True)], axis=1
         )
+        common += _by_tracking(layout, stack, seen, common.shape)
         white = count * np.sum(parabolic_weights(count) ** 2) / stack.samples
         covariance += white * (common @ np.swapaxes(common, -1, -2))
     value = np.concatenate([each.value for each in seen], axis=1)
@@ -401,10 +402,53 @@ def _rates(
         part @ (mean if each.weights is None else total(each.weights.T[..., None, None] * errors))
         for part, each in zip(parts, seen, strict=True)
     ]
+    for moved, each in zip(expected, seen, strict=True):
+        if each.carried is not None:
+            _add_joint_errors(moved, layout, course, each, each.carried, point)
     measured = rate_measurement(
         np.concatenate(expected, axis=1), value, np.concatenate(columns, axis=1), point.nuisance
     )
     return Measurement(*measured, covariance), joints, overlap
+
+
+def _by_tracking(layout: Layout, stack: Stack, seen: Sequence[Observation], shape: tuple[int, ...]) -> Array:
+    """Return the white noise that tracking errors of joints add beside the base's motion, a factor (B, r, c)."""
+    added: Array = np.zeros(shape)
+    if not layout.time_constants.size:
+        return added
+    times = layout.time_constants[np.isfinite(layout.time_constants)]
+    size, begin = np.sqrt(2.0 / times * stack.samples / stack.windows[0].length), 0
+    for each in seen:
+        own = slice(begin, begin + each.value.shape[1])
+        begin = own.stop
+        if each.joint_gain is not None and each.weights is None:
+            added[:, own, -len(times) :] = size * (each.joint_gain @ layout.joint_columns)
+    return added
+
+
+def _add_joint_errors(
+    expected: Array, layout: Layout, course: Course, seen: Observation, carried: Carried, point: Point
+) -> None:
+    """Add to what a sensor on a link is expected to read, (B, r, p + 1), how errors of joints move that link."""
+    places = carried.instants
+    placed, motion = course.placed[places], course.around.flat[places]
+    along = np.einsum('brnx,bnx->brn', carried.by_loads, placed.joint_twist)
+    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+        if unknown.moves_joints:
+            faster = _accelerations(course.stack, course.around)[places]
+            further, rate = unknown.deflections(motion.joint_position, motion.joint_velocity, faster)
+            columns = along @ further
+            if seen.weights is None and seen.joint_gain is not None:
+                columns += seen.joint_gain @ rate
+        else:
+            displaced = unknown.load_motions(point.nominal.kernel, placed)
+            if displaced is None:
+                continue
+            columns = np.einsum('brnx,bndx->brnd', carried.by_loads, displaced).reshape(*along.shape[:2], -1)
+        by_unknown = columns @ unknown.factor
+        expected[..., place] += by_unknown
+        first = layout.parameters.start
+        expected[..., -1] -= by_unknown @ point.parameters[place.start - first : place.stop - first]
 
 
 def _joint_overlap(seen: Sequence[Observation], count: int, spacing: float) -> Array:

@@ -15,7 +15,7 @@ from mbaid_ros.core.contracts import CLEAR, Linear, NominalModel, Stack, Unknown
 from mbaid_ros.core.geometry import Array, Integers, cross, rotate, skew
 from mbaid_ros.core.repair import Repair, Setting, numbers, widened, wider_prior
 from mbaid_ros.core.results.estimate import with_band
-from mbaid_ros.core.robot.model import Kinematics, PlaneDetector, RobotModel
+from mbaid_ros.core.robot.model import Configuration, Kinematics, PlaneDetector, RobotModel
 from mbaid_ros.core.robot.momentum import BodyStates, MomentumKernel, inertia_matrix, sensitivity_to_joints
 from mbaid_ros.core.samples import ArrayRecord
 from mbaid_ros.core.state import BODY, Layout, Variables
@@ -123,21 +123,25 @@ class JointPlacements(Unknown):
             unit,
         )
 
-    def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
-        """Return the change of the momentum by a displaced load of a joint."""
-        model, configuration = kernel.model, states.configuration
+    def load_motions(self, kernel: MomentumKernel, placed: Configuration) -> Array:
+        """Return the twists X (u, w), one a row, by which each number displaces the load of its joint."""
+        model = kernel.model
         parents = list(model.parents)
-        count, joints = configuration.joint_twist.shape[:2]
-        frames = configuration.rotation[:, parents] @ model.rotations
-        displacement = np.zeros((count, joints, _PLACEMENT_NUMBERS, 6))  # twists X (u, w), one a row
-        displacement[:, :, 0] = configuration.joint_twist
+        count, joints = placed.joint_twist.shape[:2]
+        frames = placed.rotation[:, parents] @ model.rotations
+        displacement = np.zeros((count, joints, _PLACEMENT_NUMBERS, 6))
+        displacement[:, :, 0] = placed.joint_twist
         displacement[:, :, 1:4, :3] = np.swapaxes(frames, -1, -2)
         turn = np.swapaxes(frames @ self.across, -1, -2)
         # The joint's own frame: the load of a prismatic joint has slid away from it.
-        place = configuration.position[:, parents] + rotate(configuration.rotation[:, parents], model.positions)
+        place = placed.position[:, parents] + rotate(placed.rotation[:, parents], model.positions)
         displacement[:, :, 4:, :3] = cross(np.broadcast_to(place[:, :, None], turn.shape), turn)
         displacement[:, :, 4:, 3:] = turn
-        return momentum_displaced(kernel, states, displacement)
+        return displacement
+
+    def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
+        """Return the change of the momentum by a displaced load of a joint."""
+        return momentum_displaced(kernel, states, self.load_motions(kernel, states.configuration))
 
     def applied_to(self, nominal: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with these placements."""
@@ -227,9 +231,14 @@ class JointTracking(Linear):
         """Each joint is further on by its own number."""
         return self.factor
 
+    def load_motions(self, kernel: MomentumKernel, placed: Configuration) -> Array:
+        """Return the motion of each load along its joint."""
+        del kernel
+        return placed.joint_twist[:, :, None]
+
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
         """Return the change of the momentum by a load that has moved on along its joint."""
-        return momentum_displaced(kernel, states, states.configuration.joint_twist[:, :, None])
+        return momentum_displaced(kernel, states, self.load_motions(kernel, states.configuration))
 
     def in_plane(self, detector: PlaneDetector) -> JointTracking:
         """Return it as it is: joints only move in the plane."""

@@ -22,7 +22,7 @@ from mbaid_ros.core.robot.urdf import (
     tree_of,
 )
 from mbaid_ros.core.samples import ArrayRecord, Samples
-from mbaid_ros.errors import ModelError, listing
+from mbaid_ros.errors import ModelError, ParameterError, listing
 
 _JOINT = 'joint: '  # before the name of a joint in pinocchio's document
 _COMPLAINTS = 2  # of the parser that an error repeats: the place and the element
@@ -259,6 +259,27 @@ class Configuration(ArrayRecord):
         return rotation @ link.rotation, self.position[:, link.body] + rotate(rotation, link.position)
 
 
+def sensor_link(model: RobotModel, frame: str, prefix: str, parameter: str, passive: Collection[str] = ()) -> Link:
+    """Return the link that a sensor is on, by the name of its frame.
+
+    Raises ParameterError: There is no such link, or passive joints, which nothing reads, move it.
+
+    Parameters
+    ----------
+    prefix : before the names of links in frame names
+    parameter : that names the frame
+    passive : names of these joints
+    """
+    links = {prefix + link.name: link for link in model.links}
+    ancestors, loose = Kinematics(model).ancestors, [name in passive for name in model.joint_names]
+    moved = [bool(ancestors[body] @ loose) for body in range(len(ancestors))]
+    accepted = [name for name, link in links.items() if not moved[link.body]]
+    if frame not in accepted:
+        why = ', which a joint of flexible.joints moves' if frame in links else ''
+        raise ParameterError(f"parameter '{parameter}' is '{frame[:60]}'{why}; accepted: {listing(accepted)}")
+    return links[frame]
+
+
 class Kinematics:
     """The vectorised kinematics of one robot.
 
@@ -287,6 +308,11 @@ class Kinematics:
             self.ancestors[joint + 1] = self.ancestors[parent]
             self.ancestors[joint + 1, joint] = 1.0
         self.across = _normal_axes(model.axes)
+
+    @property
+    def before(self) -> Array:
+        """1 where joint k moves the body that joint j is on, else 0, (n, n) [j, k]."""
+        return self.ancestors[list(self.model.parents)]
 
     def configure(self, base_rotation: Array, joint_position: Array) -> Configuration:
         """Return poses and joint twists for base to odometry axes (N, 3, 3) and joints (N, n), rad or m."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,12 +13,15 @@ from checked import generic
 from mbaid_ros.core.clocks import clock_drift, time_offset
 from mbaid_ros.core.contracts import Unknown
 from mbaid_ros.core.filter.linearise import WindowModel
-from mbaid_ros.core.geometry import Array, crossed, exp, rotate_back
+from mbaid_ros.core.geometry import Array, crossed, exp, rotate, rotate_back
 from mbaid_ros.core.gyro import IMU, GyroErrors, gyro, gyro_sensor
+from mbaid_ros.core.joints.model import joint_lags, joint_placements
 from mbaid_ros.core.odometry.model import integral_weights, odometry_mount, odometry_scale, twist_bias
 from mbaid_ros.core.odometry.stream import _blended
+from mbaid_ros.core.poses import PoseCollector, PoseSensor
+from mbaid_ros.core.robot.model import Kinematics
 from mbaid_ros.core.robot.momentum import MomentumKernel
-from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.samples import BaseStream, Samples
 from mbaid_ros.core.state import BODY, Layout
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, observe
@@ -121,7 +125,7 @@ def test_readings_are_off_as_the_rows_say(
     assert np.abs(rows[:, BODY.stop + component]).max() > 0.3 * scale
 
 
-ARM = 'gyros.arm'
+ARM, CAMERA = 'gyros.arm', 'poses.camera'
 SIZES = np.full(13, 1e-3)  # rad/s; relative, rad, relative; s
 
 
@@ -254,3 +258,56 @@ def test_weights_of_an_integral_and_of_its_mean_over_the_knots(count: int) -> No
     of_all, of_mean = integral_weights(count)
     assert count * of_all @ rates == pytest.approx(np.sum(rates))
     assert 0.5 * (count - 1.0) * of_mean @ rates == pytest.approx(np.mean(at_knots))
+
+
+def on_the_arm(
+    kernel: MomentumKernel, exact: Samples, start: Array, unknown: Unknown
+) -> Callable[[Array, Array], Array]:
+    """Return what is left of a gyro's and poses' readings of a link, linearised at values, with others in the state."""
+    link = kernel.model.link(LINK)
+    path = Kinematics(kernel.model).ancestors[link.body]
+    lever = np.array([0.1, -0.2, 0.3])
+    sensors = (
+        gyro_sensor(IMU, 0.0, kernel.model, link),
+        PoseSensor(CAMERA, 'both', slice(0, 50), link=link, moved_by=path),
+        PoseSensor(CAMERA, 'position', slice(50, 100), lever, link=link, moved_by=path),
+    )
+    layout = replace(Layout.from_unknowns(kernel, (unknown,)), sensors=sensors)
+    turned, away = kernel.kinematics.configure(exact.base_rotation, exact.joint_position).link_pose(link)
+    stamp = np.round(1e9 * exact.time).astype(np.int64)
+    parts = []
+    for point in (np.zeros(3), lever):
+        collector = PoseCollector(10**9, 'both', same_world=True)
+        place = exact.base_position + away + rotate(turned, point)
+        unknown_rates = np.full((len(stamp), 3), np.nan)
+        poses = np.tile(1e-8 * np.eye(6), (len(stamp), 1, 1))
+        collector.push(BaseStream(stamp, place, turned, unknown_rates, unknown_rates, poses, poses))
+        parts.append(collector.columns(exact, stamp))
+    read = replace(measured(kernel, exact, np.zeros(13), LINK), readings=np.concatenate(parts, axis=1))
+    window = window_of(read, SPACING)
+
+    def left(at: Array, value: Array) -> Array:
+        point = layout.point(state(kernel, start, np.zeros(6), at))
+        return residuals(window_model(layout, window, point), state(kernel, start, np.zeros(6), value))[1][6:]
+
+    return left
+
+
+# The speed of a window's middle stands for that of its readings.
+@pytest.mark.parametrize(('kind', 'part'), [('placements', 4e-3), ('lags', 5e-2)])
+def test_sensors_on_a_link_are_off_by_errors_of_joints_as_the_columns_say(
+    servicer7: MomentumKernel, exact: Samples, start: Array, kind: str, part: float
+) -> None:
+    """To first order it is the same whether errors are in the point of linearisation or in the state."""
+    ones = np.ones(servicer7.model.joints).tolist()
+    unknown: Unknown = joint_placements(servicer7, ones, ones, ones)
+    if kind == 'lags':
+        unknown = joint_lags(servicer7.model.joint_names, ones)
+    left, nothing = on_the_arm(servicer7, exact, start, unknown), np.zeros(unknown.count)
+    assert np.abs(left(nothing, nothing)).max() < 1e-6
+    for place in range(0, unknown.count, 2):
+        value = np.zeros(unknown.count)
+        value[place] = 1e-3
+        off = left(nothing, value)
+        assert np.abs(off).min() > 1e-9
+        assert left(value, value) == pytest.approx(off, abs=part * np.abs(off).max())
