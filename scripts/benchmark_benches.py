@@ -11,13 +11,14 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from benchmarks.benches import Twin, spot_2021, spot_2023
+from benchmarks.benches import Thrusters, Twin, air_bearing, spot_2021, spot_2023
 from benchmarks.frame import PUBLISHED, Frame, Runs, statuses, table
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.config.parameter_files import load_parameter_file
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import BAND
 from mbaid_ros.parameters import build
+from mbaid_ros.recordings.air_bearing import read_air_bearing_thrusters
 from mbaid_ros.recordings.recording import MODEL_FILE, PARAMETER_FILE, Recording, write_recording
 from mbaid_ros.recordings.spot import read_spot_2021, read_spot_2023
 from mbaid_ros.replay.inputs import Inputs
@@ -37,6 +38,10 @@ class Bench:
     changed: tuple[tuple[str, object], ...] = ()
 
 
+def _thrusters(name: str, stds: Thrusters) -> Bench:
+    return Bench(name, partial(air_bearing, stds=stds), read_air_bearing_thrusters, stds.declared)
+
+
 _UNDECLARED = (('known_joints.tracking_std', 0.0),)
 _SPOT_2021 = 'SPOT 2021: commands at 10 Hz, joints off by 0.02 rad, poses at 5 Hz, slope, delay'
 BENCHES = (
@@ -44,6 +49,11 @@ BENCHES = (
     Bench('the same, `tracking_std` 0: off undeclared', spot_2021, read_spot_2021, _UNDECLARED),
     Bench('SPOT 2023, 11 kg held firmly, thrusters that obey, links 1 % off', spot_2023, read_spot_2023),
     Bench('the same, links 3 % off', partial(spot_2023, links=0.03), read_spot_2023),
+    _thrusters('eight thrusters and no joint, thrust 10 % off', Thrusters()),
+    _thrusters('the same, thrust 2, 5, 10 and 20 % off', Thrusters(scale=(0.02, 0.05, 0.1, 0.2) * 2)),
+    _thrusters('the same, thrust 10 % off, valves 30 ms early or late', Thrusters(delay=0.03)),
+    _thrusters('the same, thrust 10 % off, on a table that is not flat', Thrusters(force=0.15)),
+    _thrusters('the same, also 0.1 rad askew, late, and with a torque', Thrusters((0.1,) * 8, 0.1, 0.03, 0.15, 0.02)),
 )
 
 

@@ -24,7 +24,7 @@ WEIGHINGS = ((7.614, 7.724, 7.752), (7.358, 8.074, 8.392))
 _COLUMNS = ('Control_Time', 'Telemetry_X_mm', 'Telemetry_Z_mm', 'Telemetry_Yaw_deg', 'Command_Vector')
 _FEWEST = 10  # rows
 # s from the pose of a row to the effect of its command: link, relay and valve. By the rotation of the published run.
-_LATE = 0.12
+LATE = 0.12
 # s: the table's slope has moved the body by then as much as its thrusters have.
 _SPAN = (0.0, 60.0)
 _REPEATED = 8  # rows, after which a command that goes on is repeated: it acts for 1 s at most
@@ -45,7 +45,7 @@ def read_air_bearing_thrusters(path: Path) -> Recording:
         sent = np.flatnonzero((np.diff(on, prepend=0.0) != 0.0) | ((on > 0.0) & (np.arange(count) % _REPEATED == 0)))
         wrench = np.zeros((len(sent), 6))
         wrench[:, 0] = force * on[sent]  # along x of the thruster's link
-        thrust.append(Thrust(time[sent] + _LATE, wrench, f'thruster{place + 1}'))
+        thrust.append(Thrust(time[sent] + LATE, wrench, f'thruster{place + 1}'))
     return Recording(
         Joints((), time, np.zeros((count, 0))),
         poses,

@@ -1,5 +1,6 @@
 """Simulated twins of benches with published logs: their rates, noise, defects and formats."""
 
+import csv
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,8 +12,10 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.robot.model import Kinematics, RobotModel, express, load_model
 from mbaid_ros.core.robot.urdf import replace_inertial
+from mbaid_ros.recordings.air_bearing import FORCES, LATE
 from mbaid_ros.recordings.recording import resource
 from mbaid_ros.recordings.spot import BASE, COMMANDS_FILE
+from mbaid_ros.simulation import quaternions
 from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.environment import BodyWrench
 from mbaid_ros.simulation.motion import Sinusoids
@@ -24,6 +27,7 @@ _COMMAND = 10  # rows of the log of 2023 that a command lasts
 _THRUST = np.array([0.14, 0.14, 0.0, 0.0, 0.0, 0.006])  # N, N m
 _ARM = 42.0  # s, when the arm begins to move in the logs of 2021
 _TRACKING, _LAG = 2.0, 0.2  # s, time constants of the joints' deviation from their commands, and of their lag
+_TURN, _STEPS = 0.06, 12  # s of a turn of the control loop of a table with thrusters; steps of the simulation in it
 _BEFORE = 200  # steps of that, until it is stationary
 
 
@@ -152,3 +156,95 @@ def _pushed(robot: RobotModel, motion: Sinusoids, time: Array, wrenches: Array) 
         state = last_state(part)
         parts.append(part[: len(part) - 1])
     return Truth.concatenate(parts)
+
+
+@dataclass(frozen=True)
+class Thrusters:
+    """Standard deviations of the eight thrusters of a body on a table, and of the table's force."""
+
+    scale: tuple[float, ...] = (0.1,) * len(FORCES)  # of each, relative
+    direction: float = 0.0  # rad
+    delay: float = 0.0  # s
+    force: float = 0.0  # N, along each axis of the table
+    torque: float = 0.0  # N m
+
+    @property
+    def declared(self) -> tuple[tuple[str, object], ...]:
+        """Return the parameters that declare them."""
+        return (
+            ('thrust.direction_std', self.direction),
+            ('thrust.delay_std', self.delay),
+            ('disturbance.force_std', self.force),
+            ('disturbance.torque_std', self.torque),
+            *((f'thrust.thruster{place + 1}.scale_std', scale) for place, scale in enumerate(self.scale)),
+        )
+
+
+def air_bearing(folder: Path, seed: int, stds: Thrusters, duration: float = 20.0) -> Twin:
+    """Write a log of a body that eight thrusters move, each weaker or stronger, askew and late by numbers of its own.
+
+    Commands change every fourth turn of the loop; noise and forces are as the parameters of `convert` declare them.
+    """
+    rng = np.random.default_rng(seed)
+    mass, moment = np.clip(rng.normal(23.4, 5.0), 13.0, 34.0), rng.uniform(0.35, 0.6)
+    centre = np.array([0.002, 0.002]) + rng.normal(0.0, 0.005, 2)
+    on = np.repeat(rng.integers(0, 2, (round(duration / _TURN / 4), len(FORCES))), 4, axis=0).astype(float)
+    steps = np.arange(len(on) * _STEPS + 1) * (_TURN / _STEPS)
+    total = np.vstack((np.zeros(len(FORCES)), np.cumsum(on, axis=0) * _TURN))  # s that each was commanded until a turn
+    late = LATE + rng.normal(0.0, stds.delay, len(FORCES))
+    turns = np.arange(len(on) + 1) * _TURN
+    share = np.column_stack(
+        [np.diff(np.interp(steps - each, turns, part)) for each, part in zip(late, total.T, strict=True)]
+    )
+    wrench = share / steps[1] @ _planar(rng, stds, centre)
+    slope = _first_order(rng, len(wrench), steps[1], 0.7) * (stds.force, stds.force, stds.torque)
+    pose = _glided(wrench, slope, np.array([mass, moment]), centre, steps[1])[::_STEPS]
+    noise = _first_order(rng, len(pose), _TURN, 0.06) * (5e-4, 5e-4, 1e-3)
+    read = (pose + noise) * (1e3, 1e3, np.degrees(1.0))
+    with (folder / 'run.csv').open('w', encoding='utf-8', newline='') as file:
+        table = csv.writer(file)
+        table.writerow(('Control_Time', 'Telemetry_X_mm', 'Telemetry_Z_mm', 'Telemetry_Yaw_deg', 'Command_Vector'))
+        for time, (x, y, heading), commands in zip(turns, read, on.astype(int).tolist(), strict=False):
+            table.writerow((f'{time:.2f}', f'{x:.6f}', f'{y:.6f}', f'{heading:.6f}', str(commands)))
+    truth = np.array([mass, *centre, 0.0, moment / 2.0, 0.0, 0.0, moment / 2.0, 0.0, moment])
+    return Twin(folder / 'run.csv', truth)
+
+
+def _planar(rng: np.random.Generator, stds: Thrusters, centre: Array) -> Array:
+    """Return force x, y and torque about the centre of mass (8, 3) of the thrusters as they are."""
+    robot = load_model(resource('air_bearing_thrusters.urdf'))
+    rows = []
+    for place, (force, scale) in enumerate(zip(FORCES, stds.scale, strict=True)):
+        link = robot.link(f'thruster{place + 1}')
+        turn = quaternions.exp(rng.normal(0.0, stds.direction, 3))
+        pushed = (
+            force * (1.0 + rng.normal(0.0, scale)) * link.rotation @ quaternions.rotate(turn, np.array([1.0, 0.0, 0.0]))
+        )
+        rows.append((pushed[0], pushed[1], np.cross(link.position - np.append(centre, 0.0), pushed)[2]))
+    return np.array(rows)
+
+
+def _first_order(rng: np.random.Generator, count: int, step: float, time: float) -> Array:
+    """Return (N, 3) values of first-order processes of variance 1 with a time constant, s."""
+    kept, drawn = np.exp(-step / time), rng.normal(size=(count, 3))
+    for index in range(1, count):
+        drawn[index] = kept * drawn[index - 1] + np.sqrt(1.0 - kept**2) * drawn[index]
+    return drawn
+
+
+def _glided(wrench: Array, outside: Array, body: Array, centre: Array, step: float) -> Array:
+    """Return x, y and heading (N + 1, 3) of the base, from wrenches in its axes and forces in those of the table."""
+    place, speed, poses = np.zeros(3), np.array([0.02, -0.03, 0.05]), []
+    inertia = body[[0, 0, 1]]
+    for own, other in zip(wrench, outside, strict=True):
+        poses.append(place.copy())
+        rate = (_turned(place[2] + 0.5 * step * speed[2], own) + other) / inertia
+        place, speed = place + step * speed + 0.5 * step**2 * rate, speed + step * rate
+    found = np.array([*poses, place])
+    return found - np.array([_turned(heading, np.append(centre, 0.0)) for heading in found[:, 2]])
+
+
+def _turned(heading: float, values: Array) -> Array:
+    """Return values (3,) whose first two are turned by a heading."""
+    cos, sin = np.cos(heading), np.sin(heading)
+    return np.array([cos * values[0] - sin * values[1], sin * values[0] + cos * values[1], values[2]])

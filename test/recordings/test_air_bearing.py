@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from benchmarks.benches import Thrusters, air_bearing
 from checked import answer
 from documents import ROOT
 from mbaid_ros.bags import BagReader
@@ -57,6 +58,16 @@ def test_the_interval_of_the_shipped_recording_holds_what_was_weighed(tmp_path: 
     assert 'Permission is hereby granted' in (SHIPPED / 'LICENSE').read_text()
 
 
+def test_a_simulated_log_identifies_the_body(tmp_path: Path) -> None:
+    twin = air_bearing(tmp_path, 1, Thrusters(), 12.0)
+    assert main(['air-bearing-thrusters', str(twin.log), '--output', str(tmp_path / 'bag')]) == 0
+    found = replayed(tmp_path, *(f'{name}:={value}' for name, value in Thrusters().declared), bag=tmp_path / 'bag')
+    value, std = ((found[key]['mass'], found[key]['inertia']['izz']) for key in ('estimate', 'std'))
+    assert found['status'] == 'estimating'
+    assert all(abs(value[k] - twin.truth[9 * k]) < 4.0 * std[k] for k in (0, 1))
+    assert std[0] < 0.06 * twin.truth[0]
+
+
 @pytest.mark.long
 def test_thrust_declared_too_well_is_refused_and_names_the_thruster(tmp_path: Path) -> None:
     found = replayed(tmp_path, *(f'thrust.{name}_std:=0.02' for name in ('scale', 'common_scale', 'direction')), code=4)
@@ -64,9 +75,9 @@ def test_thrust_declared_too_well_is_refused_and_names_the_thruster(tmp_path: Pa
     assert 'thruster2' in found['causes'][0]['cause']
 
 
-def replayed(folder: Path, *settings: str, code: int = 0) -> dict[str, Any]:
-    """Return the JSON of a replay of the shipped recording with other parameters."""
-    files = [SHIPPED, '--model', SHIPPED / 'robot.urdf', '--params', SHIPPED / 'estimator.yaml']
+def replayed(folder: Path, *settings: str, code: int = 0, bag: Path = SHIPPED) -> dict[str, Any]:
+    """Return the JSON of a replay of the shipped recording, or of another bag, with other parameters."""
+    files = [bag, '--model', bag / 'robot.urdf', '--params', bag / 'estimator.yaml']
     given = [part for setting in settings for part in ('-p', setting)]
     assert replay([*map(str, files), *given, '--json', str(folder / 'result.json')]) == code
     found: dict[str, Any] = json.loads((folder / 'result.json').read_text())
