@@ -168,7 +168,7 @@ def test_the_pages_stay_short() -> None:
     indices = [REFERENCE / name for name in ('thresholds.md', 'files.md')]  # of the code
     apart = [ROOT / 'docs' / 'measured', ROOT / 'docs' / 'api', ROOT / 'bags', *indices]
     pages = [page for page in DOCUMENTS if not any(page.is_relative_to(folder) for folder in apart)]
-    assert sum(len(generated.sub('', page.read_text(encoding='utf-8')).encode()) for page in pages) <= 220_000
+    assert sum(len(generated.sub('', page.read_text(encoding='utf-8')).encode()) for page in pages) <= 226_000
     assert len((ROOT / 'docs' / 'explanation' / 'architecture.md').read_bytes()) <= 10_000
     for page in (ROOT / 'docs' / 'measured').glob('*.md'):
         tables = re.findall(r'(?:^\|.*\n)+', page.read_text(encoding='utf-8'), re.MULTILINE)

@@ -129,6 +129,7 @@ class Unknown:
     in_equations = True
     # Whether it changes the momentum with time.
     changes_momentum = False
+    pushes = False  # whether it is a force or torque that is constant, and so large that linearisation points follow it
     # Whether it is drawn anew for every motion.
     redrawn_per_motion = False
     # Whether it is drawn anew after every gap in the data.
@@ -228,6 +229,11 @@ class Unknown:
         rotation : (B, 3, 3) of the base
         """
         raise NotImplementedError(type(self).__name__)
+
+    def central_force(self, value: Array, time: Array, rotation: Array) -> Array:
+        """Return the constant force at the common centre of mass, (B, 3) N in inertial axes, at `value` (e,) of it."""
+        del value, time
+        return np.zeros((len(rotation), 3))
 
     def measured(self, sensor: str, motion: Motion) -> Array | None:
         """Return how much more a sensor reads by it in B windows, (B, r, k); None where it is not in the readings.

@@ -164,17 +164,60 @@ class Declared:
 
 
 @dataclass(frozen=True, eq=False)
+class MomentumDrift:
+    """The momentum (P, L) of windows less that at an instant, where constant forces act in between."""
+
+    starts: Array  # (W,) s, of the windows before, in order
+    offsets: Array  # (W, 6) N s and N m s, of them
+    instant: float  # s
+    rate: Array  # (6,) N and N m, from then on
+    mass: float  # kg, of the robot with the target for which it is
+
+    def of_mass(self, mass: float) -> MomentumDrift:
+        """Return it for a robot of another mass (kg) that accelerates alike.
+
+        Motion determines ratios of masses and forces; points must not move along what it does not determine.
+        """
+        part = mass / self.mass
+        return replace(self, offsets=part * self.offsets, rate=part * self.rate, mass=mass)
+
+    def since(self, instant: float) -> MomentumDrift:
+        """Return it from a later instant on."""
+        return replace(self, starts=np.array([instant]), offsets=np.zeros((1, 6)), instant=instant)
+
+    def at(self, starts: Sequence[float]) -> Array:
+        """Return that of windows, (B, 6), by their starts."""
+        time = np.array(starts)
+        place = np.clip(np.searchsorted(self.starts, time, side='right') - 1, 0, None)
+        after = (time - self.instant)[:, None]
+        return np.where(after < 0.0, self.offsets[place], after * self.rate)
+
+
+@dataclass(frozen=True, eq=False)
 class Point:
     """Where windows are linearised."""
 
     parameters: Array  # (u,) of the prediction: P, L, phi, unknowns
     nuisance: Array  # (r,) the other unknowns
     nominal: NominalModel  # the nominal model there
+    force: Array = field(
+        default_factory=lambda: np.zeros(3)
+    )  # N, constant, inertial axes, at the common centre of mass
+    drift: MomentumDrift | None = None  # of the momentum before and after, where a constant force acts
 
     @property
     def body(self) -> Array:
         """Standard parameters of the target (10,)."""
         return self.parameters[BODY.start - LINEAR.start : BODY.stop - LINEAR.start]
+
+    @property
+    def total_mass(self) -> float:
+        """Mass of the robot with the target, kg."""
+        return float(np.sum(self.nominal.kernel.body_parameters(self.body)[:, 0]))
+
+    def drifting(self, drift: MomentumDrift | None) -> Point:
+        """Return it with a drift of the momentum, as it is for its mass."""
+        return self if drift is None else replace(self, drift=drift.of_mass(self.total_mass))
 
     @property
     def state(self) -> Array:
@@ -300,13 +343,13 @@ class Layout:
         """Return the state (s,) with a body (10,), a momentum (6,), and the unknowns as declared."""
         return np.concatenate((np.zeros(POSE.stop), momentum, body, self.known.mean))
 
-    def point(self, state: Array, deviation: Array | None = None) -> Point:
-        """Return the linearisation point of a state (s,) with standard deviations (s,)."""
+    def point(self, state: Array, deviation: Array | None = None, force: Array | None = None) -> Point:
+        """Return the linearisation point of a state (s,) with standard deviations (s,), and a force as of Point."""
         values = self.linearisation_state(state, deviation)
         nominal = NominalModel.nominal(self.kernel)
         for unknown, place in zip(self.unknowns, self.places, strict=True):
             nominal = unknown.applied_to(nominal, unknown.factor @ values[place])
-        return Point(values[self.parameters], values[self.nuisance], nominal)
+        return Point(values[self.parameters], values[self.nuisance], nominal, np.zeros(3) if force is None else force)
 
     def linearisation_state(self, state: Array, deviation: Array | None = None) -> Array:
         """Return the linearisation point (s,) of windows, for a state (s,) with standard deviations (s,)."""

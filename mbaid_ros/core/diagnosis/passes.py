@@ -187,7 +187,7 @@ class FilterPasses:
 
     def _point(self, gaussian: SquareRootInformation) -> Point:
         distribution = MeanAndCovariance.from_gaussian(gaussian, self.variables)
-        return self.layout.point(distribution.mean, distribution.deviation)
+        return self.layout.point(distribution.mean, distribution.deviation, distribution.central_force)
 
     def unpredicted(self, passed: WhitenedWindows, gaussian: SquareRootInformation, hypothesis: Hypothesis) -> Array:
         """Return by how much each window's way is not as predicted, (W, p), in units of pose errors.

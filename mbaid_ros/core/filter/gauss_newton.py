@@ -31,7 +31,18 @@ from mbaid_ros.core.gyro import angular_momentum
 from mbaid_ros.core.results.verdict import IMPOSSIBLE, Nonlinearity
 from mbaid_ros.core.robot.body import is_physical, physical_shift, project
 from mbaid_ros.core.robot.momentum import unknown_scale
-from mbaid_ros.core.state import BODY, BODY_PLACES, LINEAR, Layout, Point, Variables, trust_region
+from mbaid_ros.core.state import (
+    BODY,
+    BODY_PLACES,
+    LINEAR,
+    MOMENTUM,
+    Layout,
+    MomentumDrift,
+    Point,
+    Variables,
+    numbers_of,
+    trust_region,
+)
 from mbaid_ros.core.windows import Window
 from mbaid_ros.tasks import Work
 
@@ -198,7 +209,8 @@ class BatchIteration:
                 back = before.size > 0 and reverses(step, before, result.deviation)
                 pace, before = 0.5 * pace if back else min(1.0, 1.5 * pace), step
                 held = result.linearised_at.state
-                point = self.layout.point(held + pace * (point.state - held))
+                slower = self.layout.point(held + pace * (point.state - held), force=point.force)
+                point = slower.drifting(point.drift)
             misfit = result.filtered.misfit / max(result.filtered.gaussian.measured, 1)
             least, idle = min(misfit, least), 0 if misfit < least else idle + 1
             if result.converged or (least > HOPELESS and idle >= _IDLE):
@@ -218,7 +230,8 @@ class BatchIteration:
         converged = is_converged(step, deviation)
         step *= trust_region(parameters, step)
         state[self.layout.parameters] = parameters + step
-        point = self.layout.point(state, distribution.deviation)
+        point = self.layout.point(state, distribution.deviation, distribution.central_force)
+        point = point.drifting(momentum_drift(windows, distribution, self.layout))
         physical = correction < IMPOSSIBLE
         return BatchResult(point, held, windows, filtered, distribution, deviation, converged, physical, mass_held)
 
@@ -283,8 +296,11 @@ class BatchIteration:
         Second, the (10, 10) covariance of the body there.
         """
         try:
-            point = self.layout.point(distribution.mean + step, distribution.deviation)
+            point = self.layout.point(distribution.mean + step, distribution.deviation, distribution.central_force)
             windows = yield from self.relinearise(stacks, point)
+            drift = momentum_drift(windows, distribution, self.layout)
+            if drift is not None:
+                windows = yield from self.relinearise(stacks, point.drifting(drift))
             prior = self.prior(filtered.hypothesis, filtered.longest_jump, point=point)
             (moved,) = yield from self.filter(windows, (prior,))
             there = MeanAndCovariance.from_gaussian(moved.gaussian, self.variables)
@@ -292,6 +308,29 @@ class BatchIteration:
             # No robot that can exist: it may be anywhere in its interval, and nothing is known there.
             return distribution.deviation, np.full((10, 10), np.nan)
         return there.mean - distribution.mean, there.covariance(BODY_PLACES)
+
+
+def momentum_drift(windows: WhitenedWindows, distribution: MeanAndCovariance, layout: Layout) -> MomentumDrift | None:
+    """Return how constant forces change the momentum over windows, from after the last; None where none acts.
+
+    Without it windows would be linearised at the momentum of another one, and seem to see the masses by that.
+    """
+    variables, numbers = distribution.variables, distribution.gaussian.mean_and_shift()[0]
+    axes, count = distribution.gaussian.axes, len(variables.scale)
+    acting = np.zeros(count, dtype=bool)
+    acting[variables.first_unknown :] = numbers_of(layout.unknowns, [each.pushes for each in layout.unknowns])
+    if axes == 'none' and not acting.any():
+        return None
+    changes = [white.momentum_change[:, acting] @ numbers[:count][acting] for _, white in windows]
+    if axes != 'none':
+        forced = (white.force_impulse(axes) @ numbers[count:] for _, white in windows)
+        changes = [change + force for change, force in zip(changes, forced, strict=True)]
+    after = np.cumsum(np.array(changes)[::-1], axis=0)[::-1]
+    offsets = -after @ variables.to_state[MOMENTUM, variables.pose_size : variables.moving].T
+    last = windows[-1][0]
+    starts = np.array([window.start for window, _ in windows])
+    mass = layout.point(distribution.mean).total_mass
+    return MomentumDrift(starts, offsets, last.start + last.length, -offsets[-1] / last.length, mass)
 
 
 @dataclass(frozen=True)

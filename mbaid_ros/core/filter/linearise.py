@@ -239,9 +239,14 @@ class WindowModel(ArrayRecord):
     joint_overlap: Array = field(default_factory=lambda: np.zeros((0, 0)))
     # (6, 6, r) covariance of the noise of the pose with that of its columns; (6, 6, 0) without
     position_noise: Array = field(default_factory=lambda: np.zeros((6, 6, 0)))
+    # (6, s + 1) change of (P, L) until the next window, as the lever arm of a constant force depends on the state,
+    # and a constant part; (6, 0) without
+    leverage: Array = field(default_factory=lambda: np.zeros((6, 0)))
 
     def __post_init__(self) -> None:
         """Fill in the defaults."""
+        if self.leverage.ndim == 2 and self.length.ndim:
+            object.__setattr__(self, 'leverage', np.zeros((*self.length.shape, 6, 0)))
         if self.position_noise.ndim == 3 and self.length.ndim:
             object.__setattr__(self, 'position_noise', np.zeros((*self.length.shape, 6, 6, 0)))
         if self.joint_overlap.shape[: self.length.ndim] != self.length.shape:
@@ -263,6 +268,11 @@ def window_models(
     """
     swinging = point.nominal.kernel.springs.count > 0
     motions: Motions = [stack.motion(point.nominal, BESIDE if swinging else 1) for stack in stacks]
+    if point.drift is not None:
+        motions = [
+            (replace(motion, impulse=motion.impulse + point.drift.at(_starts(stack))), inside)
+            for stack, (motion, inside) in zip(stacks, motions, strict=True)
+        ]
     swing: Array | None = None
     if swinging:
         course = course or SwingTrajectory(layout, predict)
@@ -286,11 +296,15 @@ def window_models(
         last = begin + (inside.stop - 1) * windows + np.arange(windows)
         placed = bodies.states.configuration[begin : begin + rows * windows]
         begin += rows * windows
-        impulses = _momentum_change(layout, stack, bodies[last], around.base_position[inside.stop - 1])
+        impulses = _momentum_change(layout, stack, bodies[last], around.base_position[inside.stop - 1], point)
         models.append(_models(layout, stack, (*motion, placed), prediction, point, (noise, impulses)))
     if len(stacks) == 1:
         return models[0]
     return WindowModel.concatenate(models)[np.argsort(np.concatenate([stack.places for stack in stacks]))]
+
+
+def _starts(stack: Stack) -> list[float]:
+    return [window.start for window in stack.windows]
 
 
 def _accelerations(stack: Stack, motion: Midpoints) -> Array:
@@ -305,10 +319,10 @@ def _models(
     motion: tuple[Midpoints, slice, Configuration],
     predicted: Prediction,
     point: Point,
-    effects: tuple[JointNoise, tuple[Array, Array]],
+    effects: tuple[JointNoise, tuple[Array, Array, Array]],
 ) -> WindowModel:
     """Return a stack's windows from its motion, the prediction, the joints' noise and the impulses."""
-    noise, (impulses, centre) = effects
+    noise, (impulses, leverage, centre) = effects
     around, inside, placed = motion
     parameters, spacing = point.parameters, stack.windows[0].spacing
     around_slope = gradient(predicted.twist) / spacing
@@ -317,6 +331,9 @@ def _models(
     errors = composed(*_chain_steps(prediction, integral, middle, spacing))
     # Absolute parameters instead of deviations from the point: their part moves to the constant.
     errors[..., -1] -= errors[..., 6:-1] @ parameters
+    offset = None if point.drift is None else point.drift.at(_starts(stack))
+    if offset is not None:
+        errors[..., -1] -= (errors[..., 6:12] @ offset[..., None])[..., 0]
     of_joints = noise.pose @ np.swapaxes(noise.pose, -1, -2)
     change, parabolic = stack.whitening, parabolic_weights(len(middle))
     # The integrated twist has no Gauss-Markov joint errors.
@@ -327,7 +344,7 @@ def _models(
     seen = replace(moving, slope=moving.twist, rate=np.zeros_like(moving.twist))
     pose = reading_columns(layout, 'pose', seen)
     course = Course(stack, around, inside, prediction.twist, slope, placed, stack.corrected(point.nominal))
-    mean = mean_twist(errors, prediction, point, parabolic)
+    mean = mean_twist(errors, prediction, point, parabolic, offset)
     rates, in_rates, overlap = _rates(layout, course, moving, (mean, errors), noise, point)
     whole = IntegratedTwist.none(len(stack.windows), layout.size)
     if integrated.any():
@@ -350,6 +367,7 @@ def _models(
         position=middle.base_position[-1] + 0.5 * middle.step[-1],
         centre=centre,
         momentum_change=impulses,
+        leverage=leverage,
         thrust_noise=_thrust_noise(stack, around, inside),
         position_noise=_position_noise(layout, seen, np.nan_to_num(of_poses)),
         body=np.tile(point.body, (len(stack.windows), 1)),
@@ -467,14 +485,20 @@ def _joint_overlap(seen: Sequence[Observation], count: int, spacing: float) -> A
     return np.asarray(count / telescoped(count, spacing) * (by_knot @ np.swapaxes(by_knot, -1, -2)))
 
 
-def _momentum_change(layout: Layout, stack: Stack, bodies: Bodies, position: Array) -> tuple[Array, Array]:
-    """Return the (B, 6, s) change of the momentum until the next window by the unknowns, and the centre of mass, m.
+def _momentum_change(
+    layout: Layout, stack: Stack, bodies: Bodies, position: Array, point: Point
+) -> tuple[Array, Array, Array]:
+    """Return changes of the momentum until the next window, and the centre of mass, m.
+
+    The changes are by the unknowns, (B, 6, s), and by the lever arm of a constant force, (B, 6, s + 1).
 
     Parameters
     ----------
     layout, stack : of the state, of B windows
     bodies, position : near the end of each; (B, 3) m, of the base then
+    point : of linearisation
     """
+    force: Array = np.tile(point.force, (len(position), 1))
     impulses = np.zeros((len(position), 6, layout.size))
     placed, length = bodies.states.configuration, stack.windows[0].length
     system = np.sum(express(bodies.parameters, placed.rotation, position[:, None] + placed.position), axis=1)
@@ -483,7 +507,45 @@ def _momentum_change(layout: Layout, stack: Stack, bodies: Bodies, position: Arr
             ends = stack.middles + 0.5 * length
             rates = unknown.momentum_rates(system, stack.windows[0].origin, ends, placed.rotation[:, 0])
             impulses[..., place] = length * rates @ unknown.factor
-    return impulses, system[:, 1:4] / system[:, :1]
+            force += unknown.central_force(point.state[place], ends, placed.rotation[:, 0])
+    centre = system[:, 1:4] / system[:, :1]
+    if not force.any():
+        return impulses, np.zeros((len(position), 6, 0)), centre
+    leverage = np.zeros((len(position), 6, layout.size + 1))
+    leverage[:, 3:, :-1] = length * _torque_columns(layout, point.nominal.kernel, bodies, force, centre - position)
+    leverage[..., -1] = -leverage[..., :-1] @ point.state  # absolute parameters instead of deviations from the point
+    return impulses, leverage, centre
+
+
+def _torque_columns(layout: Layout, kernel: MomentumKernel, bodies: Bodies, force: Array, arm: Array) -> Array:
+    """Return the derivatives (B, 3, s) of the torque of a force at the common centre of mass c, by the state.
+
+    A robot that moves with the velocity a = F / M has P = M a and L = M c x a. With dP and dL their derivatives, the
+    one of c x F at a given F is dL - c x dP (initialisation.md, forces and drifts).
+
+    Parameters
+    ----------
+    force, arm : (B, 3) N, and m from the base's origin to c
+    """
+    states, mass = bodies.states, np.sum(bodies.states.known[..., 0], axis=1)
+    velocity = np.zeros((len(force), 6))
+    velocity[:, :3] = force / mass[:, None]
+    moving = replace(
+        states,
+        body_twist=np.broadcast_to(velocity[:, None], states.body_twist.shape),
+        twist=velocity,
+        stored=np.zeros_like(states.stored),
+        thrust=np.zeros_like(states.thrust),
+    )
+    columns = np.zeros((len(force), 6, layout.size))
+    columns[..., BODY] = moving.regressor
+    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+        # Processes move the centre to and fro.
+        if not unknown.of_measurement and not np.isfinite(unknown.time_constants).any():
+            by_unknown = unknown.momentum_columns(kernel, moving)
+            if by_unknown is not None:
+                columns[..., place] = by_unknown @ unknown.factor
+    return np.asarray(columns[:, 3:] - skew(arm) @ columns[:, :3])
 
 
 def _thrust_noise(stack: Stack, around: Midpoints, inside: slice) -> Array:
@@ -562,6 +624,7 @@ class WhitenedWindow:
     length: float  # s
     places: Integers  # (k,) of the values among the numbers that a window may measure, as of `Innovations`
     border_noise: BorderNoise | None = None  # for an integrated twist, the links to the windows before and after
+    leverage: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (p, v + 1) as of `WindowModel`; empty without
 
     def with_known(self, values: Array) -> WhitenedWindow:
         """Return the window where some variables are known exactly: their values (v,), NaN for the others."""
@@ -643,9 +706,18 @@ def whitened_windows(windows: WindowModel, variables: Variables) -> list[Whitene
             windows.length.tolist(),
             (each[3] for each in measured),
             links,
+            _in_variables(to_momentum, windows.leverage, variables),
             strict=True,
         )
     ]
+
+
+def _in_variables(to_momentum: Array, leverage: Array, variables: Variables) -> Array:
+    """Return the change (B, p, v + 1) of the momentum in the variables, from (B, 6, s + 1) of the state; or of none."""
+    if not leverage.shape[-1]:
+        return np.zeros((len(leverage), len(to_momentum), 0))
+    rows = np.concatenate((variables.rows(leverage[..., :-1]), leverage[..., -1:]), axis=-1)
+    return np.asarray(to_momentum @ rows)
 
 
 @dataclass(frozen=True)

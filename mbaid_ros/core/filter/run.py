@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, auto
 
 import numpy as np
 
 from mbaid_ros.core.contracts import Hypothesis, in_stacks
-from mbaid_ros.core.filter.gauss_newton import HOPELESS, BatchIteration, MultiStart, Start
+from mbaid_ros.core.filter.gauss_newton import HOPELESS, BatchIteration, MultiStart, Start, momentum_drift
 from mbaid_ros.core.filter.gaussian import SquareRootInformation
 from mbaid_ros.core.filter.hypotheses import Bank, HypothesisFilter, leader, update_bank
-from mbaid_ros.core.filter.linearise import LinearisationCache
+from mbaid_ros.core.filter.linearise import LinearisationCache, WhitenedWindow
 from mbaid_ros.core.filter.posterior import MeanAndCovariance, VarianceComponents
 from mbaid_ros.core.geometry import Array, Flags, chi_square_limit
 from mbaid_ros.core.passive import resolved_frequencies
 from mbaid_ros.core.results.verdict import LARGEST_NIS, Nonlinearity
 from mbaid_ros.core.robot.body import body_sizes
-from mbaid_ros.core.state import BODY, BODY_PLACES, Layout, Point, Variables, trust_region
+from mbaid_ros.core.state import (
+    BODY,
+    BODY_PLACES,
+    MOMENTUM,
+    Layout,
+    MomentumDrift,
+    Point,
+    Variables,
+    trust_region,
+)
 from mbaid_ros.core.windows import Window
 from mbaid_ros.tasks import AT_ONCE, Kind, Tasks, outcome_or_none
 
@@ -74,6 +83,21 @@ class LinearisationPoint:
         distance = root @ (gather @ (distribution.mean - self.reference))
         return self._relinearised(distribution, root, layout) if distance @ distance > _HELD else self
 
+    def carried(self, start: float, drift: MomentumDrift | None) -> LinearisationPoint:
+        """Return it at the start of a window, s, with the momentum that a constant force has brought until then.
+
+        `drift` is that by the force as it is estimated now; None without one.
+        """
+        before, point, reference = self.point.drift, self.point, self.reference
+        if before is None and drift is None:
+            return self
+        if before is not None:
+            change, parameters, reference = before.at([start])[0], point.parameters.copy(), reference.copy()
+            parameters[:6] += change
+            reference[MOMENTUM] += change
+            point = replace(point, parameters=parameters, drift=None)
+        return LinearisationPoint(point if drift is None else point.drifting(drift.since(start)), reference)
+
     def _relinearised(self, distribution: MeanAndCovariance, root: Array, layout: Layout) -> LinearisationPoint:
         """Return it moved to the estimate, along eigenvectors of the information R^T R of the lasting variables."""
         variables, held = distribution.variables, self.point
@@ -92,7 +116,8 @@ class LinearisationPoint:
         state[layout.parameters] = held.parameters + part * step
         # The next window continues the error chain of the last: at the same readings.
         state[layout.nuisance] = held.nuisance
-        return LinearisationPoint(layout.point(state), distribution.mean.copy() if part == 1.0 else self.reference)
+        point = layout.point(state, force=distribution.central_force).drifting(held.drift)
+        return LinearisationPoint(point, distribution.mean.copy() if part == 1.0 else self.reference)
 
 
 def _known(root: Array, variables: Variables) -> Array:
@@ -156,6 +181,7 @@ class Run:
         self._due = self._first  # number of windows at which the next search begins
         self._searched = 0  # windows in the latest search
         self._linearised_until = -np.inf  # s, start of the last of these
+        self._drift: MomentumDrift | None = None  # after the latest window, by a constant force
         self._accepted = self._confirmed = False  # whether the latest search has been, and then by the search after it
         self._consistent = True  # whether the latest search explains its windows
         self.contradicts_target = False  # whether the latest search contradicts the motion of a tracked target
@@ -234,7 +260,7 @@ class Run:
     def point(self) -> Point:
         """The point of the present estimate, if nothing drifts."""
         distribution = self.distribution_of_first()
-        return self._layout.point(distribution.mean, distribution.deviation)
+        return self._layout.point(distribution.mean, distribution.deviation, distribution.central_force)
 
     @property
     def deflections(self) -> Array:
@@ -318,10 +344,16 @@ class Run:
             return
         assert self._point is not None, 'there is a start'
         # For both windows: one window old is as good.
-        self._point = self._point.near_estimate(leader(self._bank).gaussian, self._layout, self._variables)
+        following = ready or still_open
+        if following is not None:
+            gaussian = leader(self._bank).gaussian
+            carried = self._point.carried(following.start, self._drift)
+            self._point = carried.near_estimate(gaussian, self._layout, self._variables)
         point = self._point.point
         if ready is not None:
-            self._bank = update_bank(self._bank, ready, self._linearised.whitened(ready, point), self._variables)
+            white = self._linearised.whitened(ready, point)
+            self._bank = update_bank(self._bank, ready, white, self._variables)
+            self._drift = self._drift_after(ready, white)
             if self.phase is Phase.INITIALISING:
                 self._check_newton_step(leader(self._bank))
         self._latest = leader(self._bank)
@@ -331,6 +363,10 @@ class Run:
             # Where nothing acts, drifts or walks, the pose error alone goes on from its first knot.
             moving = self._latest.hypothesis.disturbed or self._variables.random_walk.shape[1] > 0
             (self._latest,) = update_bank((self._latest,), still_open, white, self._variables, advancing=moving)
+
+    def _drift_after(self, window: Window, white: WhitenedWindow) -> MomentumDrift | None:
+        distribution = MeanAndCovariance.from_gaussian(leader(self._bank).gaussian, self._variables)
+        return momentum_drift([(window, white)], distribution, self._layout)
 
     def _store(self, window: Window, *, joints_moved: bool) -> None:
         """Store a window, and begin a search where one is due; none as long as no joint has moved.
@@ -357,7 +393,7 @@ class Run:
         if not self._bank:
             return None
         distribution = MeanAndCovariance.from_gaussian(leader(self._bank).gaussian, self._variables)
-        return self._layout.point(distribution.mean, distribution.deviation)
+        return self._layout.point(distribution.mean, distribution.deviation, distribution.central_force)
 
     def _take_over(self, start: Start | None) -> None:
         """Go on from the outcome of a search; None where it has led to no robot that can exist."""
@@ -366,7 +402,7 @@ class Run:
             return
         anew, filtered = not self.converged, leader(start.bank)
         self.phase, self._bank = Phase.INITIALISING, start.bank
-        self._point = LinearisationPoint(start.point, start.point.state)
+        self._point, self._drift = LinearisationPoint(start.point, start.point.state), start.point.drift
         self._consistent = filtered.gaussian.nis < LARGEST_NIS * filtered.gaussian.measured
         distribution = MeanAndCovariance.from_gaussian(filtered.gaussian, self._variables)
         misfit, numbers = self.misfit_of_target(distribution)

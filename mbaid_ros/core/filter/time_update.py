@@ -107,6 +107,9 @@ def _at_next_window(
     right = rest[:, columns - head :]
     rest[:, : columns - head] -= of_poses @ window.transition[:, head:] + of_momentum @ change.by_variables[:, head:]
     right[:, 1] += of_poses @ window.drift
+    if window.leverage.size:
+        rest[:, : columns - head] -= of_momentum @ window.leverage[:, head:-1]
+        right[:, 1] += of_momentum @ window.leverage[:, -1]
     if forces:
         right[:, 2:] -= of_momentum @ np.concatenate([window.force_impulse(axes) for axes in forces], axis=1)
     noise = of_poses @ window.process

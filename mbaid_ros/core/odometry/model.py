@@ -437,15 +437,20 @@ def pose_measurement(errors: Array, change: Array, readings: Array, point: Array
     return readings @ point - mean[..., -1], state_rows(mean, readings)
 
 
-def mean_twist(errors: Array, prediction: Prediction, point: Point, weights: Array) -> Array:
+def mean_twist(
+    errors: Array, prediction: Prediction, point: Point, weights: Array, offset: Array | None = None
+) -> Array:
     """Return the mean of the predicted twist and its derivative by the state, (B, 6, p + 1), constant last.
 
-    V = V_predicted + F xi + G (parameters - linearisation), with weights (m,) of the intervals.
+    V = V_predicted + F xi + G (parameters - linearisation), with weights (m,) of the intervals. `offset` (B, 6) is how
+    much more momentum the windows have than the point.
     """
     gain = prediction.by_parameters[..., ANGULAR_FIRST, :]
     model: Array = prediction.by_pose_error[..., ANGULAR_FIRST, :] @ (0.5 * (errors[1:] + errors[:-1]))
     model[..., 6:-1] += gain
     model[..., -1] += prediction.twist[..., ANGULAR_FIRST] - gain @ point.parameters
+    if offset is not None:
+        model[..., -1] -= (gain[..., :6] @ offset[..., None])[..., 0]
     return total(weights[:, None, None, None] * model)
 
 

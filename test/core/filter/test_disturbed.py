@@ -82,6 +82,32 @@ def test_a_constant_force(robot: MomentumKernel, joints: Sinusoids, momentum: Ar
     assert np.array_equal(np.concatenate((last.events[0].linear, last.events[0].angular)), distribution.force)
 
 
+@pytest.mark.parametrize(
+    'declared',
+    [{'disturbance__constant': 'inertial'}, pytest.param({'disturbance__force_std': 10.0}, marks=pytest.mark.long)],
+)
+def test_a_tilted_table_determines_no_more_than_a_level_one(
+    robot: MomentumKernel, servicer: Truth, declared: dict[str, str | float]
+) -> None:
+    """In a frame that falls along nothing acts: the same noise gives the same numbers and intervals."""
+    level = observe(servicer, MID, 4)
+    time, acceleration = level.time[:, None], np.array([6e-3, -4e-3, 0.0])
+    slid = replace(
+        level,
+        base_position=level.base_position + 0.5 * time**2 * acceleration,
+        base_linear_velocity=level.base_linear_velocity + time * acceleration,
+    )
+    given: dict[str, object] = {'known_links__relative_std': 0.01, 'disturbance__axes': 'inertial', **declared}
+    found = [
+        estimator(robot, MID, method='trajectory', **given).update(windows(samples), 0)[-1] for samples in (level, slid)
+    ]
+    assert [each.status for each in found] == ['estimating'] * 2
+    # Corrections for nonlinearity differ, of moments of inertia most.
+    assert found[1].std[:4] == pytest.approx(found[0].std[:4], rel=0.1)
+    assert np.all(found[1].std > 0.8 * found[0].std)
+    assert np.all(np.abs(found[1].parameters - found[0].parameters) < found[1].std)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize('axes', ['inertial', 'body'])
 def test_a_pulse_is_reported_without_the_momentum_of_a_constant_force(

@@ -15,11 +15,12 @@ from mbaid_ros.core.clocks import time_offset
 from mbaid_ros.core.contracts import Stack
 from mbaid_ros.core.filter.linearise import predict
 from mbaid_ros.core.geometry import Array, exp, log, rotate
-from mbaid_ros.core.joints.model import joint_gains
+from mbaid_ros.core.joints.model import joint_gains, joint_placements
+from mbaid_ros.core.links import independent_errors, known_bodies
 from mbaid_ros.core.odometry.model import odometry_scale
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.state import POSE, Layout, Point
+from mbaid_ros.core.state import LINEAR, POSE, Layout, Point
 from mbaid_ros.core.windows import BEFORE, Knots, midpoints
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, drifting, kernel, observe
@@ -55,6 +56,22 @@ def state(point: Array, error: Array | None = None, delay: float = 0.0) -> Array
 
 def at(robot: Layout, point: Array, delay: float = 0.0) -> Point:
     return robot.point(state(point, delay=delay))
+
+
+def test_the_lever_arm_of_a_force_follows_the_state(exact: Samples, point: Array) -> None:
+    model = kernel('servicer7')
+    links = known_bodies(model.model, independent_errors(model.known, 0.01))
+    layout = Layout.from_unknowns(model, (links, joint_placements(model, *[[1e-2] * 7] * 3)))
+    state = layout.state(point[6:], point[:6])
+    window, force, length = window_of(exact, 0.05), np.array([0.3, -0.2, 0.1]), 0.5
+
+    def torque(x: Array) -> Array:
+        return np.cross(window_model(layout, window, layout.point(x)).centre, force)
+
+    leverage = window_model(layout, window, layout.point(state, force=force)).leverage
+    expected = central_difference(torque, state, 1e-4 * np.maximum(np.abs(state), 1.0))
+    assert leverage[3:, LINEAR.start : -1] == pytest.approx(length * expected[:, LINEAR.start :], abs=1e-5)
+    assert leverage @ np.append(state, 1.0) == pytest.approx(np.zeros(6), abs=1e-12)
 
 
 @pytest.mark.parametrize('correlation_time', [0.0, 0.3])
