@@ -69,7 +69,9 @@ def _adapt(_: Any, name: str, source: list[str]) -> None:
         listed = {page for _, pages in entries for page in pages} | {'index.md', 'overview.md'}
         others = sorted({str(page.relative_to(HERE)) for page in HERE.rglob('*.md')} - listed)
         entries += [('More', others)] * bool(others)
-        source[0] += ''.join(_toctree(caption, pages) for caption, pages in [('Start', ['overview.md']), *entries])
+        source[0] += ''.join(
+            _toctree(caption, pages) for caption, pages in [('Start', ['README <overview.md>']), *entries]
+        )
 
 
 def _toctree(caption: str, pages: list[str]) -> str:

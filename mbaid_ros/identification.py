@@ -190,10 +190,12 @@ def identify(  # noqa: PLR0913 - one argument for each measured quantity
     Parameters
     ----------
     urdf : robot description: its text, or the path of its file
-    joint_time, joint_position : (N,) s and (N, n) rad (m for a prismatic joint). Times may be of type datetime64[ns]:
-        seconds since 1970 as floats have steps of 0.2 microseconds
-    base_time, base_position, base_orientation : (M,) s, (M, 3) m and (M, 4) unit quaternions x, y, z, w of the base
-        link in an inertial frame, or of the marker that the parameters declare; NaN or zeros in a row: not measured
+    joint_time : (N,) s, increasing, or of type datetime64[ns]: floats of seconds since 1970 have steps of 0.2 us
+    joint_position : (N, n) rad, m for a prismatic joint
+    base_time : (M,) s, as `joint_time`
+    base_position : (M, 3) m of the base link in an inertial frame, or of the marker that the parameters declare; NaN or
+        zeros in a row: not measured
+    base_orientation : (M, 4) unit quaternions x, y, z, w, of the same
     joint_names : names of the n columns; default: the moving joints of the robot, in the order of the URDF
     joint_velocity : (N, n) rad/s (m/s)
     base_twist : (M, 6) linear and angular velocity in the axes of the base, m/s and rad/s

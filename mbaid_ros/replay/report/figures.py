@@ -11,7 +11,19 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import BAND, PARAMETERS, Estimate, determined
 from mbaid_ros.core.results.verdict import LARGEST_RESIDUAL
 from mbaid_ros.replay.read_back import Truth
-from mbaid_ros.replay.report.markup import SERIES, TIME, Colour, curve, entitle, legend, level, new_axes, scale, svg
+from mbaid_ros.replay.report.markup import (
+    SERIES,
+    SMALL,
+    TIME,
+    Colour,
+    curve,
+    entitle,
+    legend,
+    level,
+    new_axes,
+    scale,
+    svg,
+)
 from mbaid_ros.replay.report.tables import SHOWN_UNITS
 from mbaid_ros.replay.whole_run import Run
 
@@ -47,7 +59,7 @@ def convergence(run: Run, truth: Truth | None, name: str) -> str:
         axis.set_xlim(0.0, max(time[-1], _SHORTEST))
         axis.tick_params(labelbottom=True)
     for axis in axes[-2:]:  # the lowest of each column
-        axis.set_xlabel(TIME, color=Colour.INK, fontsize=8)
+        axis.set_xlabel(TIME, color=Colour.INK, fontsize=SMALL)
     return svg(chart, f'{name} convergence', 'Estimate of each parameter over time with its 95 % band')
 
 
@@ -97,7 +109,7 @@ def swing(run: Run, name: str) -> str:
 
 def _time_axis(axis: Axes, time: Array) -> None:
     axis.set_xlim(0.0, max(time[-1], _SHORTEST))
-    axis.set_xlabel(TIME, color=Colour.INK, fontsize=8)
+    axis.set_xlabel(TIME, color=Colour.INK, fontsize=SMALL)
 
 
 def _vector(axis: Axes, time: Array, values: Array, stds: Array) -> None:
@@ -141,7 +153,7 @@ def identifiability(run: Run, name: str) -> str:
         if length > 0.14 * edges[-1]:
             colour = Colour.INK if status not in {'converged', 'inconsistent'} else Colour.PAGE
             middle, words = begin + 0.5 * length, status.replace('_', ' ')
-            axis.text(middle, rows, words, ha='center', va='center', fontsize=7, color=colour)
+            axis.text(middle, rows, words, ha='center', va='center', fontsize=8, color=colour)
     axis.set_yticks(range(rows + 1), (*PARAMETERS, 'status'))
     axis.set_ylim(rows + 0.6, -0.6)
     axis.set_xlim(0.0, max(float(edges[-1]), _SHORTEST))
@@ -168,7 +180,7 @@ def _mark_events(axis: Axes, run: Run, *, named: bool = True) -> None:
         if named:
             axis.annotate(
                 name, (time, 1.0), xycoords=('data', 'axes fraction'), xytext=(3, -9), textcoords='offset points',
-                fontsize=7, color=colour,
+                fontsize=8, color=colour,
             )  # fmt: skip
 
 

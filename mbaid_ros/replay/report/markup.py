@@ -37,7 +37,7 @@ SERIES = ((Colour.FIRST, '-'), (Colour.SECOND, '--'), (Colour.THIRD, '-.'))  # d
 TIME = 'time [s]'
 
 _WIDTH = 9.6  # inches
-_TITLE, _SMALL = 10, 8
+_TITLE, SMALL = 11, 9.5  # of which a phone shows nine pixels
 _LEFT, _RIGHT, _ABOVE, _BELOW = 0.78, 0.12, 0.28, 0.40  # inches around axes
 
 _STYLE = files(__package__).joinpath('style.css').read_text('utf-8')
@@ -125,7 +125,7 @@ def new_axes(rows: int, columns: int, height: float, **options: Any) -> tuple[Fi
     )
     for axis in grid.flat:
         axis.set_facecolor('none')
-        axis.tick_params(colors=Colour.INK, labelsize=_SMALL)
+        axis.tick_params(colors=Colour.INK, labelsize=SMALL)
         axis.spines[['top', 'right']].set_visible(False)
         for spine in axis.spines.values():
             spine.set_color(Colour.FAINT)
@@ -138,13 +138,13 @@ def new_axes(rows: int, columns: int, height: float, **options: Any) -> tuple[Fi
 def entitle(axis: Axes, title: str, below: str = '') -> None:
     """Write a title, and a label of the horizontal axis."""
     axis.set_title(title, color=Colour.INK, fontsize=_TITLE, loc='left', parse_math=False)
-    axis.set_xlabel(below, color=Colour.INK, fontsize=_SMALL, parse_math=False)
+    axis.set_xlabel(below, color=Colour.INK, fontsize=SMALL, parse_math=False)
 
 
 def legend(axis: Axes, columns: int = 1) -> None:
     """Name the curves, beside the title: within the axes the names would cover some of them."""
     shown = axis.legend(
-        fontsize=_SMALL,
+        fontsize=SMALL,
         ncols=columns,
         labelcolor=Colour.INK,
         frameon=False,
