@@ -50,8 +50,7 @@ def main() -> None:
 
 
 def _row(pair: Pair, first: Outcome, both: Outcome) -> list[str]:
-    gains = np.nanmedian(first.std, axis=0) / np.nanmedian(both.std, axis=0)
-    return [pair.name, *_quality(first), *_quality(both), number(float(np.nanmedian(gains)))]
+    return [pair.name, *_quality(first), *_quality(both), number(float(np.nanmedian(first.std / both.std)))]
 
 
 def _quality(outcome: Outcome) -> list[str]:

@@ -299,6 +299,47 @@ def white_noise(values: Array, order: int) -> Array:
     return median(np.abs(np.diff(values, order, axis=0))) / (_OF_NORMAL_SIZE * np.sqrt(comb(2 * order, order)))
 
 
+class FoundNoise:
+    """Levels of a sensor of which nothing is declared, from differences of its readings, however these are cut.
+
+    Parameters
+    ----------
+    assumed : (c,) levels, until there are some readings, and of readings so far apart that motion shows
+    """
+
+    def __init__(self, assumed: Array) -> None:
+        self._assumed, self._levels = assumed, _AT_FIRST * assumed
+        self._stamp: Stamps = np.zeros(0, dtype=np.int64)
+        self._values: Array = np.zeros((0, 3 * len(assumed)))
+
+    def levels(self, stamp: Stamps, values: Array) -> Array:
+        """Return the level (N, c) at each of the next readings.
+
+        Parameters
+        ----------
+        stamp, values : (N,) ns; (N, 3 c) of c channels, side by side
+        """
+        found = []
+        while len(stamp):
+            count = min(_AT_ONCE // 10 - len(self._stamp) % (_AT_ONCE // 10), len(stamp))
+            found.append(np.repeat(self._levels[None], count, axis=0))
+            self._stamp = np.concatenate((self._stamp, stamp[:count]))
+            self._values = np.concatenate((self._values, values[:count]))
+            stamp, values = stamp[count:], values[count:]
+            if len(self._stamp) % (_AT_ONCE // 10) == 0:
+                self._find()
+        return np.concatenate(found) if found else np.zeros((0, len(self._assumed)))
+
+    def _find(self) -> None:
+        """Take the level of the latest readings."""
+        self._stamp, self._values = self._stamp[-_AT_ONCE:], self._values[-_AT_ONCE:]
+        if np.median(np.diff(self._stamp)) > _LONGEST:
+            self._levels = self._assumed
+            return
+        each = white_noise(self._values, ORDER).reshape(len(self._assumed), 3)
+        self._levels = np.maximum(np.sqrt(np.mean(each**2, axis=1)), _LEAST * self._assumed)
+
+
 def variances(counts: Integers) -> Array:
     """Return the variance (rows,) of the errors behind counted differences (rows, bins); 0 without any."""
     total = counts.sum(axis=1)

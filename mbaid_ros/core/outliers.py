@@ -191,6 +191,50 @@ class Outliers(Generic[Stream]):
         return np.asarray(np.any(each, axis=1))
 
 
+class ResidualGate:
+    """Finds single readings that leave what another sensor follows, also of sensors that read slowly.
+
+    It follows how far readings are from the motion as the other one has it: mounts and worlds change that slowly.
+
+    Parameters
+    ----------
+    channels : of each reading
+    """
+
+    def __init__(self, channels: int) -> None:
+        self._last: Array = np.zeros((0, channels, 3))
+        self._good: Array = np.zeros((channels, 3))
+        self._steps: Array | None = None  # (_LATEST, c), the latest
+        self._out = 0  # readings in a row
+
+    def outliers(self, residual: Array, declared: Array) -> Flags:
+        """Return which of the next readings are outliers, (N,), however these are cut.
+
+        Parameters
+        ----------
+        residual, declared : (N, c, 3), (N, c) of each channel the difference from the other sensor, and the noise
+        """
+        before = self._last if len(self._last) else residual[:1]
+        step = np.linalg.norm(np.diff(np.concatenate((before, residual)), axis=0), axis=-1)
+        if self._steps is None:
+            self._good = residual[0]
+            self._steps = np.repeat(_UNDERSTATED * declared[:1] * _QUARTILE_OF_THREE, _LATEST, axis=0)
+        joined = np.concatenate((self._steps, step))
+        self._last, self._steps = residual[-1:], joined[-_LATEST:]
+        latest = sliding_window_view(joined[:-1], _LATEST, axis=0)
+        scale = np.partition(latest, _LATEST // 4, axis=2)[..., _LATEST // 4] / _QUARTILE_OF_THREE
+        limit = _FAR * np.maximum(scale, np.sqrt(2.0) * declared)
+        found: Flags = np.zeros(len(residual), dtype=bool)
+        suspicious = np.any(step > limit, axis=1)
+        for place in range(len(residual)) if self._out or suspicious.any() else ():
+            far = np.any(np.linalg.norm(residual[place] - self._good, axis=-1) > limit[place])
+            found[place] = far and (self._out > 0 or suspicious[place]) and self._out < _AFTER
+            self._out = self._out + 1 if found[place] else 0
+            self._good = self._good if found[place] else residual[place]
+        self._good = self._good if found[-1] else residual[-1]
+        return found
+
+
 class Flips:
     """Passes poses on in one orientation of a symmetric marker set, which a tracker takes for another one now and then.
 

@@ -23,12 +23,14 @@ from mbaid_ros.core.contracts import (
     diagonal,
 )
 from mbaid_ros.core.geometry import Array, Flags, Integers, exp, log, rotate, skew
+from mbaid_ros.core.noise import FoundNoise
 from mbaid_ros.core.odometry.model import MarkerConfig, marker_frame
 from mbaid_ros.core.odometry.stream import AttachedFrame, OdometryReader, PoseReader, orientation_only, source_of
+from mbaid_ros.core.outliers import OUTLIER, ResidualGate
 from mbaid_ros.core.repair import Repair, Setting, numbers, widened, wider_prior
 from mbaid_ros.core.robot.model import Kinematics, Link, RobotModel, sensor_link
 from mbaid_ros.core.robot.momentum import MomentumKernel
-from mbaid_ros.core.samples import BasePose, BaseStream, Input, Packets, Samples, SensorNoise, Stamps
+from mbaid_ros.core.samples import BasePose, BaseStream, Input, Packets, Samples, SensorNoise, Stamps, block_std
 from mbaid_ros.core.windows import ANGULAR_FIRST, Window, knot_poses
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.parameters import by_name, named_groups, parameter
@@ -42,7 +44,8 @@ POSE_TYPES = (
 )
 MEASURES = ('position', 'orientation', 'both')
 _ROWS = {'position': np.arange(3, 6), 'orientation': np.arange(3), 'both': np.arange(6)}  # of a pose error
-MOUNT, WORLD, DELAY = 'pose mount', 'pose world', 'pose delay'
+MOUNT, WORLD, DELAY, WANDER = 'pose mount', 'pose world', 'pose delay', 'pose wander'
+_ASSUMED = np.array([1e-3, 1e-4])  # m, rad, of a sensor of which nothing is declared and too little is read
 EARLY = 'pose much sooner than usual after the one before'
 NO_SAMPLE = 'no sample around the stamp of a pose'
 # Part of the least time between two readings so far, before which samples do not wait for the next one.
@@ -68,9 +71,13 @@ class NamedPoseConfig:
     or the base link. A marker is placed in its frame."""
     marker: MarkerConfig = field(default_factory=MarkerConfig)
     position_std: float = parameter(0.0, 'm', minimum=0.0)
-    """Standard deviation of each coordinate of a position, where the messages carry no covariance; 0: 0.001."""
+    """Standard deviation of each coordinate of a position, where the messages carry no covariance; 0: found in the
+    readings, or, below 5 Hz, .001."""
     orientation_std: float = parameter(0.0, 'rad', minimum=0.0)
-    """Standard deviation of an orientation about each axis, where the messages carry no covariance; 0: 0.0001."""
+    """Standard deviation of an orientation about each axis, where the messages carry no covariance; 0: found in the
+    readings, or, below 5 Hz, 1e-4."""
+    correlation_time: float = parameter(0.0, 's', minimum=0.0)
+    """Time over which its errors are correlated; needs its deviations. 0: white noise."""
     mount_position_std: float = parameter(2e-3, 'm', minimum=0.0)
     """Standard deviation of each coordinate of its place on the base; 0: exact."""
     mount_orientation_std: float = parameter(2e-3, 'rad', minimum=0.0)
@@ -169,6 +176,7 @@ class PoseCollector:
     view : transforms measurements of the odometry's world to an inertial frame; None of another world, or where it is
         one
     located : returns orientations (N, 3, 3) and positions (N, 3), m, of what it locates, at samples
+    found : whether levels of position and orientation are found in readings without a covariance
 
     Attributes
     ----------
@@ -187,13 +195,17 @@ class PoseCollector:
         same_world: bool,
         view: Callable[[BaseStream], BaseStream] | None = None,
         located: Callable[[Samples], tuple[Array, Array]] | None = None,
+        found: tuple[bool, bool] = (False, False),
     ) -> None:
+        self._gate, self._found = ResidualGate(2), np.array(found)
+        self._noise = FoundNoise(_ASSUMED)
         self._maximum_gap, self._measures, self._view = maximum_gap, measures, view
         self._located = located or (lambda samples: (samples.base_rotation, samples.base_position))
         self._world: tuple[Array, Array] | None = (
             (np.eye(3), np.zeros(3)) if same_world else None
         )  # turn and displacement from the odometry's
         self._pending: BaseStream | None = None
+        self._first: Array | None = None  # (3, 3) orientation of the first reading
         self._least = np.iinfo(np.int64).max  # ns, between two readings
         self._taken = np.iinfo(np.int64).min  # stamp of the last sample
         self.newest: int | None = None
@@ -210,6 +222,7 @@ class PoseCollector:
         stream = stream[~(late | early)]
         if len(stream.stamp):
             stream = stream if self._view is None else self._view(stream)
+            stream = self._with_noise(stream) if self._found.any() else stream
             self._pending = stream if self._pending is None else BaseStream.concatenate([self._pending, stream])
 
     def _early(self, stamp: Stamps) -> Flags:
@@ -248,6 +261,10 @@ class PoseCollector:
         if not len(place):
             return sums
         rotation, position, covariance = self._in_world(read, samples, int(place[0]))
+        good = ~self._outlying(rotation, position, covariance, samples[place])
+        self.dropped[OUTLIER] += int(np.sum(~good))
+        rotation, position, covariance = rotation[good], position[good], covariance[good]
+        read, place = read[good], place[good]
         each = np.empty((len(place), _WIDTH))
         origin = int(stamps[0]) - round(1e9 * float(samples.time[0]))
         each[:, _COUNT], each[:, _TIME] = 1.0, (read.stamp - origin) * 1e-9
@@ -255,6 +272,26 @@ class PoseCollector:
         each[:, _COVARIANCE] = covariance.reshape(-1, 36)
         np.add.at(sums, place, each)
         return sums
+
+    def _with_noise(self, stream: BaseStream) -> BaseStream:
+        """Return readings with the noise found so far, where their messages have none."""
+        if self._first is None:
+            self._first = stream.rotation[0]
+        turns = log(self._first.T @ stream.rotation)
+        levels = self._noise.levels(stream.stamp, np.concatenate((stream.position, turns), axis=1))
+        covariance = stream.pose_covariance.copy()
+        for part, own in enumerate((slice(0, 3), slice(3, 6))):
+            which = ~stream.declared[:, part] & self._found[part]
+            covariance[which, own, own] = levels[which, part, None, None] ** 2 * np.eye(3)
+        return replace(stream, pose_covariance=covariance)
+
+    def _outlying(self, rotation: Array, position: Array, covariance: Array, samples: Samples) -> Flags:
+        """Return which readings leave the motion of samples, (N,)."""
+        turned, there = self._located(samples)
+        turns = log(rotation @ np.swapaxes(turned, -1, -2))
+        residual = np.stack((position - there, turns), axis=1)
+        measured = [self._measures != 'orientation', self._measures != 'position']
+        return self._gate.outliers(residual * np.array(measured)[:, None], block_std(covariance))
 
     def _in_world(self, read: BaseStream, samples: Samples, place: int) -> tuple[Array, Array, Array]:
         """Return orientations, positions and covariances in the odometry's world, which the first reading places."""
@@ -284,6 +321,7 @@ class PoseSensor:
     noise: Mapping[str, float] = field(default_factory=dict)  # by the names of parameters
     link: Link | None = None  # that it locates, where joints move it; None on the base
     moved_by: Array = field(default_factory=lambda: np.zeros(0))  # (n,) 1 of each joint that moves this link, else 0
+    correlation_time: float = 0.0  # s, of its errors
 
     of_pose = True
 
@@ -322,9 +360,8 @@ class PoseSensor:
         axes = np.sum(share[..., None, None] * turned, axis=0)
         total = np.sum(count, axis=0)
         rows, known = _ROWS[self.measures], total > 0.0
-        covariance = (
-            np.sum(groups[..., _COVARIANCE], axis=0).reshape(-1, 6, 6) / np.maximum(total, 1.0)[:, None, None] ** 2
-        )
+        covariance = np.sum(groups[..., _COVARIANCE], axis=0).reshape(-1, 6, 6) / np.maximum(total, 1.0)[:, None, None]
+        covariance = covariance * self._share_left(total, course.stack.windows[0].length)[:, None, None]
         covariance = np.where(known[:, None, None], covariance[:, ANGULAR_FIRST[:, None], ANGULAR_FIRST], np.eye(6))
         axes[~known], at[~known] = base.rotation[~known], base.position[~known]
         by_base = np.tile(np.eye(6), (len(total), 1, 1))
@@ -348,6 +385,18 @@ class PoseSensor:
             of_base=by_base[:, rows] if arms.any() else None,
             carried=carried,
         )
+
+    def _share_left(self, count: Array, length: float) -> Array:
+        """Return the variance of the mean of some readings in windows, (B,), over that of one.
+
+        Of correlated errors it is that about their value in the middle of the window, which is an unknown: a process
+        that changes by 2 t / T of its variance in t. The middle value of a window stands for all of it.
+        """
+        white = 1.0 / np.maximum(count, 1.0)
+        if self.correlation_time == 0.0:
+            return white
+        part = length / self.correlation_time
+        return np.where(count > 1.0, part / 6.0 - white * np.expm1(-2.0 * part * white), part / 2.0)
 
     def _groups(self, course: Course) -> tuple[Array, Array, Array]:
         """Return sums over readings (g, B, c), their mean places in knots (g, B), and the weights of knots there."""
@@ -497,6 +546,58 @@ class PoseErrors(Linear):
         return read[:, _ROWS[self.measures]]
 
 
+@dataclass(frozen=True, eq=False)
+class PoseWander(Linear):
+    """Errors of a pose sensor that are correlated in time: turn (rad) and displacement (m) of what it reads, 6."""
+
+    name: str = ''
+    measures: str = 'both'
+    time: float = 0.0  # s
+
+    words: ClassVar = {
+        WANDER: Words(
+            'correlated errors of the named poses',
+            'poses.<name>.position_std, .orientation_std',
+            'the correlated errors of {}: average over more time, or calibrate it',
+            lambda name, value: (
+                f'{name} is off by {1e3 * np.linalg.norm(value[3:6]):.3g} mm and '
+                f'{1e3 * np.linalg.norm(value[:3]):.3g} mrad for a while: look at its driver'
+            ),
+        )
+    }
+    redrawn_per_motion = True
+
+    @property
+    def time_constants(self) -> Array:
+        """Time constants of the errors."""
+        return np.full(self.count, self.time)
+
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
+        """Return how much further on it reads the base by each."""
+        if sensor != f'poses.{self.name}':
+            return None
+        return np.tile(np.eye(6), (len(motion.time), 1, 1))[:, _ROWS[self.measures]]
+
+
+def pose_wander(name: str, config: NamedPoseConfig) -> PoseWander:
+    """Return the correlated errors of a pose sensor.
+
+    Raises ParameterError: Their size is not declared.
+    """
+    levels = _levels(config)
+    if config.correlation_time > 0.0 and not all(levels.values()):
+        missing = next(part for part, value in levels.items() if not value)
+        raise ParameterError(
+            f"parameter 'poses.{name}.correlation_time' is {config.correlation_time:g} s, and "
+            f"'poses.{name}.{missing}_std' is 0; accepted: the size of these errors"
+        )
+    sizes = np.repeat([levels.get(part, 0.0) for part in ('orientation', 'position')], 3)
+    lasting = float(config.correlation_time > 0.0)
+    return PoseWander(
+        diagonal(lasting * sizes), (f'{WANDER}:{name}',) * 6, name, config.measures, config.correlation_time
+    )
+
+
 def pose_errors(name: str, config: NamedPoseConfig, *, same_world: bool) -> PoseErrors:
     """Return the errors of a pose sensor, in the odometry's world or in one of its own."""
     turns, moves = (float(config.measures in (part, 'both')) for part in ('orientation', 'position'))
@@ -511,12 +612,11 @@ def pose_errors(name: str, config: NamedPoseConfig, *, same_world: bool) -> Pose
     )
 
 
-def declared_poses(config: PosesConfig) -> tuple[PoseErrors, ...]:
+def declared_poses(config: PosesConfig) -> tuple[PoseErrors | PoseWander, ...]:
     """Return the errors of all pose sensors."""
-    places = _reference_names(config)
-    return tuple(
-        pose_errors(name, own, same_world=own.same_world or name in places) for name, own in config.used.items()
-    )
+    places, used = _reference_names(config), config.used
+    constant = [pose_errors(name, own, same_world=own.same_world or name in places) for name, own in used.items()]
+    return (*constant, *(pose_wander(name, own) for name, own in used.items()))
 
 
 def pose_sensors(
@@ -548,6 +648,7 @@ def pose_sensors(
                 {f'poses.{name}.{part}_std': value for part, value in _levels(own).items()},
                 frame.link,
                 ancestors[0 if frame.link is None else frame.link.body],
+                own.correlation_time,
             )
         )
     return tuple(found)
@@ -585,6 +686,7 @@ def pose_instruments(
             same_world=same,
             view=view if same else None,
             located=partial(_located, sensor=sensor, kinematics=kinematics),
+            found=(own.position_std == 0.0, own.orientation_std == 0.0),
         )
         found.append(Instrument(sensor, _reader(name, own, model, frame_prefix), collector, _numbers))
     return found

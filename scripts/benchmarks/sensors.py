@@ -113,7 +113,14 @@ PAIRS = (
 
 
 def estimates(
-    pair: Pair, seed: int, *, both: bool, seconds: float, spoil: Spoil | None = None, **more: object
+    pair: Pair,
+    seed: int,
+    *,
+    both: bool,
+    seconds: float,
+    spoil: Spoil | None = None,
+    simulated: Values | None = None,
+    **more: object,
 ) -> tuple[Session, list[Estimate]]:
     """Return the session and the estimates of a run; the errors of the first kind are the same in both."""
     rng = np.random.default_rng([seed, 66])
@@ -121,13 +128,14 @@ def estimates(
     level = LEVELS['mid']
     noise = {f'noise.{name}': value for name, value in vars(level).items() if value}
     made: dict[str, object] = {**noise, 'seed': seed, 'odometry_rate': 10.0, 'pose_only': True}
-    used: dict[str, object] = {**EXACT, **noise, **(pair.both if both else pair.alone), 'maximum_gap': 0.25, **more}
+    used: dict[str, object] = {**EXACT, **noise, **(pair.both if both else pair.alone), 'maximum_gap': 0.25}
     for sensor in drawn:
         made |= {f'{sensor.name}.{key}': value for key, value in sensor.made.items()}
         used |= {f'{sensor.name}.{key}': value for key, value in sensor.used.items()}
     for group in ('gyros', 'poses'):
         names = [each.name.partition('.')[2] for each in drawn if each.name.startswith(f'{group}.')]
         made, used = made | {f'{group}.names': names}, used | {f'{group}.names': names}
+    made, used = {**made, **(simulated or {})}, used | more
     topics = {topic_of(each.name): each.name for each in drawn}
     text = read_robot_description(CONFIG / f'{ROBOT}.urdf')
     session = Session(build(EstimatorConfig, used), text)

@@ -16,7 +16,9 @@ from gyros import normalised
 from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.geometry import Array, exp, quaternion_from_rotation, rotation_from_quaternion
-from mbaid_ros.core.poses import EARLY, PoseCollector, pose_errors
+from mbaid_ros.core.noise import FoundNoise
+from mbaid_ros.core.outliers import ResidualGate
+from mbaid_ros.core.poses import EARLY, PoseCollector, PoseSensor, pose_errors
 from mbaid_ros.core.poses import _between as between
 from mbaid_ros.core.poses import _interpolation as interpolation
 from mbaid_ros.core.results.estimate import Estimate
@@ -291,6 +293,52 @@ def test_samples_have_the_readings_since_the_one_before(pieces: int) -> None:
     found = np.concatenate(counts)
     assert np.array_equal(found, expected[: len(found)])
     assert collector.dropped[EARLY] == 1
+
+
+@pytest.mark.parametrize('pieces', [1, 5, 300])
+def test_a_reading_that_leaves_the_motion_is_dropped_and_a_lasting_change_is_not(pieces: int) -> None:
+    """At any rate: the residual drifts, one reading is off, and later all are."""
+    rng = np.random.default_rng(0)
+    residual = 1e-4 * rng.normal(size=(300, 2, 3)) + np.linspace(0.0, 0.05, 300)[:, None, None]
+    residual[[100, 101, 200], 0] += 0.02
+    residual[230:, 1] += 0.1
+    gate, parts = ResidualGate(2), np.array_split(np.arange(300), pieces)
+    found = np.concatenate([gate.outliers(residual[part], np.full((len(part), 2), 1e-4)) for part in parts])
+    assert np.flatnonzero(found).tolist() == [100, 101, 200, 230, 231, 232]
+
+
+@pytest.mark.parametrize('pieces', [1, 7, 200])
+def test_noise_that_nobody_declares_is_found_in_the_readings(pieces: int) -> None:
+    rng, time = np.random.default_rng(1), np.arange(200) / 10.0
+    moving = np.sin(0.3 * time)[:, None] * np.ones(6)
+    values = moving + rng.normal(size=(200, 6)) * np.repeat((4e-3, 5e-4), 3)
+    noise, stamp = FoundNoise(np.array([1e-3, 1e-4])), np.round(1e9 * time).astype(np.int64)
+    parts = np.array_split(np.arange(200), pieces)
+    levels = np.concatenate([noise.levels(stamp[part], values[part]) for part in parts])
+    assert levels[0] == pytest.approx([0.1, 0.01])  # not to be trusted before
+    assert levels[-1] == pytest.approx([4e-3, 5e-4], rel=0.2)
+    slow = FoundNoise(np.array([1e-3, 1e-4])).levels(10 * stamp, values)
+    assert slow[-1] == pytest.approx([1e-3, 1e-4])  # motion shows in differences
+
+
+@pytest.mark.parametrize('count', [1, 50])
+def test_what_is_left_of_correlated_errors_in_a_window(count: int) -> None:
+    """The mean of readings about the process in the window's middle, as simulated."""
+    rng, length, time = np.random.default_rng(2), 0.5, 5.0
+    sensor = PoseSensor('poses.a', 'both', slice(0, 50), correlation_time=time)
+    steps = np.exp(-0.5 * length / (50 * time)) ** 2
+    process: Array = rng.normal(size=(4000, 51))
+    for place in range(1, 51):
+        process[:, place] = steps * process[:, place - 1] + np.sqrt(1.0 - steps**2) * process[:, place]
+    middle = process[:, 25]
+    read = process.mean(axis=1) if count > 1 else process[np.arange(4000), rng.integers(0, 51, 4000)]
+    left = float(sensor._share_left(np.array([float(count)]), length)[0])
+    assert 0.9 < left / np.var(read - middle) < 1.5
+
+
+def test_correlated_errors_need_a_size() -> None:
+    with pytest.raises(ParameterError, match=r"'poses.a.correlation_time' is 2 s, and 'poses.a.position_std' is 0"):
+        Session(build(EstimatorConfig, {'poses.names': ['a'], 'poses.a.correlation_time': 2.0}), urdf(ROBOT))
 
 
 @pytest.mark.parametrize(
