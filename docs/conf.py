@@ -15,6 +15,7 @@ README = HERE.parent / 'README.md'
 
 project = 'mbaid_ros'
 author = 'mbaid_ros maintainers'
+project_copyright = f'2026, {author}'
 version = release = ET.parse(HERE.parent / 'package.xml').getroot().findtext('version') or ''
 
 extensions = [
@@ -109,9 +110,20 @@ def _describe(_: Any, _what: str, _name: str, _object: Any, _options: Any, lines
     lines[:] = '\n'.join(lines).split('\n')
 
 
+_BREAK = re.compile(r'(?<=\w[._/])(?=\w)|(?<=[a-z])(?=[A-Z][a-z])')
+_NAME = re.compile(r'(?<=<span class="pre">)[^<]*')
+
+
+def _break_names(_: Any, _page: str, _template: str, context: dict[str, Any], _doctree: Any) -> None:
+    """Let long names in a line or a cell break between their words."""
+    if 'body' in context:
+        context['body'] = _NAME.sub(lambda name: _BREAK.sub('<wbr>', name[0]), context['body'])
+
+
 def setup(app: Any) -> None:
     """Connect the handlers."""
     app.add_html_math_renderer('mathml', (_inline_equation, None), (_equation, None))
     app.connect('builder-inited', _write_overview, priority=1)
     app.connect('source-read', _adapt)
+    app.connect('html-page-context', _break_names)
     app.connect('autodoc-process-docstring', _describe, priority=400)  # before napoleon

@@ -35,7 +35,7 @@ ROOT = Path(__file__).resolve().parents[1]
 BAG = ROOT / 'bags' / 'air_bearing_thrusters'
 MOST = 99  # recordings of a row, more than any has
 HEADER = (
-    'recording', 'truth', 'runs', 'settled with', 'published', 'numbers that hold', 'width', 'published with `repair`',
+    'recording', 'truth', 'runs', 'used to tune', 'published', 'numbers that hold', 'width', 'published with `repair`',
     'hold', 'width',
 )  # fmt: skip
 

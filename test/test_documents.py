@@ -245,10 +245,21 @@ def test_the_versions_agree() -> None:
     version = ET.parse(ROOT / 'package.xml').getroot().findtext('version')
     assert ET.parse(ROOT / 'msg_defs' / 'package.xml').getroot().findtext('version') == version
     assert f"version='{version}'" in (ROOT / 'setup.py').read_text()
-    assert yaml.safe_load((ROOT / 'CITATION.cff').read_text())['version'] == version
+    citation = yaml.safe_load((ROOT / 'CITATION.cff').read_text())
+    assert citation['version'] == version
     releases = re.findall(r'^(\d+\.\d+\.\d+) \(', (ROOT / 'CHANGELOG.rst').read_text(), re.MULTILINE)
     assert releases[0] == version
     assert releases == sorted(releases, reverse=True)
+
+
+def test_citation_site_and_package_name_the_same_work() -> None:
+    citation = yaml.safe_load((ROOT / 'CITATION.cff').read_text())
+    preferred, (author,) = citation['preferred-citation'], citation['authors']
+    assert {name: preferred[name] for name in ('title', 'version', 'authors', 'type')}.items() <= citation.items()
+    assert ET.parse(ROOT / 'package.xml').getroot().findtext('maintainer') == author['name']
+    site = (ROOT / 'docs' / 'conf.py').read_text(encoding='utf-8')
+    assert f"author = '{author['name']}'" in site
+    assert f"project_copyright = f'{preferred['year']}, {{author}}'" in site
 
 
 def test_the_public_modules_exist() -> None:
