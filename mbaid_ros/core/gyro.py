@@ -332,11 +332,12 @@ class GyroErrors:
     with_orientation: bool = False  # whether the IMU measures the orientation, too, in the same axes
     link: Link | None = None  # that the IMU is on, where joints move it; None on the base
     name: str = IMU  # of its parameters
+    among: bool = False  # whether there are others, which its labels tell it from
 
 
 def _said_of(name: str, parameter: str) -> str:
     """Return a parameter of a gyro by the name in its labels: that of the first one is empty."""
-    return f'gyros.{name}.{parameter}' if name else f'{IMU}.{parameter}'
+    return f'gyros.{name}.{parameter}' if name not in {'', IMU} else f'{IMU}.{parameter}'
 
 
 def _off(what: str, scale: float, unit: str, parameter: str) -> Words:
@@ -455,7 +456,7 @@ def gyro(errors: GyroErrors | None) -> Gyro:
     deviations = np.array([*np.repeat((own.bias, own.scale, own.orientation, own.cross), 3), own.delay])
     wandering = np.zeros((13, 3))
     wandering[:3] = own.walk * np.eye(3)
-    of = '' if own.name == IMU else f':{topic_of(own.name)}'
+    of = f':{topic_of(own.name)}' if own.among or own.name != IMU else ''
     labels = tuple(f'{label}{of}' for label in (*np.repeat(GYRO[:4], 3).tolist(), LATE))
     return Gyro(diagonal(deviations), labels, wandering[:, : 3 * (own.walk > 0.0)], own)
 
@@ -819,8 +820,8 @@ def imu_reader(
     return ImuReader(axes, config.frame, orientation_std if oriented else None)
 
 
-def declared_gyro(config: GyroConfig, sensor: GyroSensor) -> Gyro:
-    """Return the errors of a gyro."""
+def declared_gyro(config: GyroConfig, sensor: GyroSensor, *, among: bool = False) -> Gyro:
+    """Return the errors of a gyro, that may be one among others."""
     alone = oriented = False
     if isinstance(config, ImuConfig):
         alone, oriented = config.alone, config.orientation
@@ -835,5 +836,6 @@ def declared_gyro(config: GyroConfig, sensor: GyroSensor) -> Gyro:
         with_orientation=oriented,
         link=sensor.link,
         name=sensor.name,
+        among=among,
     )
     return gyro(errors)

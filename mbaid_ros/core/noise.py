@@ -657,6 +657,7 @@ class NoiseEstimator:
     estimate : whether estimated levels replace all declared ones
     trusted : whether no readings contradict a declared level
     passive : joints that nothing measures
+    of_base : whether the poses are those of an odometry, not made of other sensors' readings
     """
 
     def __init__(
@@ -668,8 +669,9 @@ class NoiseEstimator:
         estimate: bool = False,
         trusted: bool = False,
         passive: Sequence[int] = (),
+        of_base: bool = True,
     ) -> None:
-        self._noise = noise
+        self._noise, self._of_base = noise, of_base
         self._estimate = estimate
         self._undeclared = np.zeros(len(CHANNELS), dtype=bool) if undeclared is None else undeclared
         self._declared_from: Stamps = np.full(len(CHANNELS), _NEVER)  # by messages, ns
@@ -684,7 +686,7 @@ class NoiseEstimator:
 
     def add_readings(self, joints: JointStream | None, base: BaseStream | None) -> None:
         """Add readings in the order of their stamps, without repeated poses and outliers."""
-        self._levels.add_readings(joints, base)
+        self._levels.add_readings(joints, base if self._of_base else None)
         if base is not None and len(base.stamp):
             first = np.where(base.declared, base.stamp[:, None], _NEVER).min(axis=0)
             self._declared_from[2:] = np.minimum(self._declared_from[2:], first)

@@ -44,7 +44,7 @@ POSE_TYPES = (
 )
 MEASURES = ('position', 'orientation', 'both')
 _ROWS = {'position': np.arange(3, 6), 'orientation': np.arange(3), 'both': np.arange(6)}  # of a pose error
-MOUNT, WORLD, DELAY, WANDER = 'pose mount', 'pose world', 'pose delay', 'pose wander'
+MOUNT, WORLD, DELAY, SCALE, WANDER = 'pose mount', 'pose world', 'pose delay', 'pose scale', 'pose wander'
 _ASSUMED = np.array([1e-3, 1e-4])  # m, rad, of a sensor of which nothing is declared and too little is read
 EARLY = 'pose much sooner than usual after the one before'
 NO_SAMPLE = 'no sample around the stamp of a pose'
@@ -84,6 +84,8 @@ class NamedPoseConfig:
     """Standard deviation of its alignment on the base about each axis; 0: exact."""
     time_offset_std: float = parameter(5e-3, 's', minimum=0.0)
     """Prior standard deviation of the delay of its stamps; 0: exact."""
+    scale_std: float = parameter(1e-3, minimum=0.0)
+    """Relative standard deviation of the lengths that it measures; 0: exact."""
     same_world: bool = parameter(default=False)
     """Whether its world frame is that of the odometry. Otherwise the constant turn and displacement between the two are
     unknown, and found from the data."""
@@ -490,7 +492,7 @@ def _between(rotation: Array, position: Array, place: Array, weights: Array) -> 
 
 @dataclass(frozen=True, eq=False)
 class PoseErrors(Linear):
-    """Of a pose sensor: turn (rad) and displacement (m) of its mount, the same of its world, and delay (s), 13."""
+    """Of a pose sensor: turn (rad) and displacement (m) of its mount, the same of its world, delay (s), scale, 14."""
 
     name: str = ''
     measures: str = 'both'
@@ -516,6 +518,12 @@ class PoseErrors(Linear):
             'the delay of {}: more motion determines it',
             lambda name, value: f'{name} is stamped {1e3 * np.sum(value):+.3g} ms late: check its stamps',
         ),
+        SCALE: Words(
+            'lengths of the named poses',
+            'poses.<name>.scale_std',
+            'the lengths of {}: calibrate them (poses.<name>.scale_std)',
+            lambda name, value: f'lengths of {name} are {1e2 * np.sum(value):+.3g} % off: calibrate it',
+        ),
     }
     redrawn_per_motion = True
 
@@ -526,8 +534,9 @@ class PoseErrors(Linear):
         if kind == WORLD:
             return None
         text, of = deviation_text(cause, value).partition(':')[0], f'poses.{self.name}'
-        if kind == DELAY:
-            return wider_prior(text, f'{of}.time_offset_std', value, std, 's')
+        if kind in {DELAY, SCALE}:
+            parameter_of, unit = ('time_offset_std', 's') if kind == DELAY else ('scale_std', '')
+            return wider_prior(text, f'{of}.{parameter_of}', value, std, unit)
         parts = zip(('orientation', 'position'), np.split(value, 2), strict=True)
         parameters: dict[str, Setting] = {
             f'{of}.mount_{part}_std': widened(float(np.max(np.abs(own)))) for part, own in parts if own.any()
@@ -538,11 +547,11 @@ class PoseErrors(Linear):
         """Return how much further on it reads the base by each."""
         if sensor != f'poses.{self.name}':
             return None
-        read = np.zeros((len(motion.time), 6, 13))
+        read = np.zeros((len(motion.time), 6, 14))
         read[:, :3, :3] = read[:, 3:, 3:6] = motion.rotation
         read[:, :3, 6:9] = read[:, 3:, 9:12] = np.eye(3)
         read[:, 3:, 6:9] = -skew(motion.position)
-        read[:, :, 12] = -motion.twist
+        read[:, :, 12], read[:, 3:, 13] = -motion.twist, motion.position
         return read[:, _ROWS[self.measures]]
 
 
@@ -606,9 +615,12 @@ def pose_errors(name: str, config: NamedPoseConfig, *, same_world: bool) -> Pose
         *(turns * config.mount_orientation_std, moves * config.mount_position_std),
         *(world * turns * _WORLD_TURN, world * moves * _WORLD_SHIFT),
     )
-    labels = (*(f'{MOUNT}:{name}',) * 6, *(f'{WORLD}:{name}',) * 6, f'{DELAY}:{name}')
+    labels = (*(f'{MOUNT}:{name}',) * 6, *(f'{WORLD}:{name}',) * 6, f'{DELAY}:{name}', f'{SCALE}:{name}')
     return PoseErrors(
-        diagonal([*np.repeat(sizes, 3).tolist(), config.time_offset_std]), labels, name=name, measures=config.measures
+        diagonal([*np.repeat(sizes, 3).tolist(), config.time_offset_std, moves * config.scale_std]),
+        labels,
+        name=name,
+        measures=config.measures,
     )
 
 

@@ -362,6 +362,7 @@ class Segment:
                 estimate=noise.estimate,
                 trusted=noise.trust_declared,
                 passive=described.springs.joints,
+                of_base=not config.poses.alone,
             ),
             view=None if falling is None else falling.to_falling_frame,
             followers={name: each.follower for name, each in named.items()},

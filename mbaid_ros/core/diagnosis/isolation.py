@@ -184,6 +184,7 @@ class Candidate:
     of_twist: bool = False  # whether it is something wrong with the base's twist
     part: float = 1.0  # of the windows, that it has readings of: the others count as if explained as well
     vibrates: bool = False  # whether something swings at one frequency
+    weight: float = 1.0  # of its gain: a sensor that is left out explains less than a fault of it does
     # How a run takes it into account; or the label of the unknown that knows.
     repair: Repair | str | None = None
 
@@ -315,7 +316,8 @@ class CandidateCauses:
                 text = too_small(sensor.noise, times)
                 declared = {name: times * value for name, value in sensor.noise.items() if value > 0.0}
                 repair = Repair(text, declared or sensor.leave_out, value=times)
-            yield Candidate(text, passes, [sensor.without(window) for window in windows], repair=repair)
+            without = [sensor.without(window) for window in windows]
+            yield Candidate(text, passes, without, weight=CATCH_ALL, repair=repair)
         if self.layout.odometry and any(sensor.of_pose for sensor in self.layout.sensors):
             text = 'the odometry contradicts the other sensors: check it, or leave it out (poses.alone)'
             other = replace(self, layout=replace(self.layout, odometry=False))
@@ -347,6 +349,7 @@ class CandidateCauses:
             if left_out or candidate.part < 1.0
             else filtered.gaussian.log_likelihood - base.log_likelihood
         )
+        gain *= candidate.weight
         repair = candidate.repair_of(filtered) if gain > WORTH else None
         cause = CandidateCause(text, gain, of_twist=candidate.of_twist, repair=repair)
         return [replace(cause, vibrates=candidate.vibrates)]

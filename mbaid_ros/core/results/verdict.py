@@ -228,6 +228,9 @@ def judge(evidence: Evidence) -> Verdict:
     return Verdict(not reasons, tuple(reasons), _causes(evidence), widening(innovations, evidence.nis))
 
 
+_ALL_OF_IT = 0.9  # of the distance of a kind of things, which one of them is then
+
+
 def is_suspect(distance: Distance) -> bool:
     """Return whether data see a thing so far off that it is a cause, if anything is wrong."""
     return distance.degrees > 0 and distance.square > chi_square_limit(_RARELY, distance.degrees)
@@ -243,6 +246,18 @@ def too_small(noise: Collection[str], times: float) -> str:
     return f'{" and ".join(noise)} {"are" if len(noise) > 1 else "is"} {times:.1f} times too small'
 
 
+def _suspects(evidence: Evidence) -> dict[str, Distance]:
+    """Return things that are far off, and kinds of them; of several sensors not the kind, if it is one that is."""
+    found = {what: distance for what, distance in evidence.distances.items() if is_suspect(distance)}
+    for sensor in evidence.noises:
+        ending = f' of {sensor.rpartition(".")[2]}'
+        for what in [each for each in found if each.endswith(ending)]:
+            kind = what.removeprefix('the ').removesuffix(ending)
+            if kind in found and found[what].square > _ALL_OF_IT * found[kind].square:
+                del found[kind]
+    return found
+
+
 def _causes(evidence: Evidence) -> tuple[Cause, ...]:
     """Return the candidate causes, the likeliest first."""
     causes = [
@@ -251,8 +266,7 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
             0.5 * distance.square,
             evidence.repairs.get(what),
         )
-        for what, distance in evidence.distances.items()
-        if is_suspect(distance)
+        for what, distance in _suspects(evidence).items()
     ]
     innovations = evidence.innovations
     for place, sensor in enumerate(innovations.sensors):
