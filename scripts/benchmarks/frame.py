@@ -48,10 +48,11 @@ class Runs(ArrayRecord):
 
 def completed(
     kind: type[Outcome], file: Path | None, seeds: range, run: Callable[[int], object], pool: Executor, bar: Any
-) -> Outcome:
-    """Return the results of all seeds: the first ones from an .npz file if it holds any, the others made and added.
+) -> Callable[[], Outcome]:
+    """Begin the runs of all seeds that a file lacks, and return the function that waits for them.
 
-    `run` returns an object with the fields of `kind` for a seed; `bar` is of tqdm.
+    Its results are the first ones from an .npz file if it holds any, the others made and added. `run` returns an object
+    with the fields of `kind` for a seed; `bar` is of tqdm.
     """
     parts = []
     if file is not None and file.is_file():
@@ -60,13 +61,17 @@ def completed(
     done = min(len(parts[0]), len(seeds)) if parts else 0
     bar.update(done)
     missing = pool.map(run, seeds[done:])
-    while made := list(islice(missing, _SAVED_EVERY)):
-        bar.update(len(made))
-        parts.append(kind.stack(made))
-        if file is not None:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            np.savez(file, **vars(kind.concatenate(parts)))
-    return kind.concatenate(parts)[: len(seeds)]
+
+    def results() -> Outcome:
+        while made := list(islice(missing, _SAVED_EVERY)):
+            bar.update(len(made))
+            parts.append(kind.stack(made))
+            if file is not None:
+                file.parent.mkdir(parents=True, exist_ok=True)
+                np.savez(file, **vars(kind.concatenate(parts)))
+        return kind.concatenate(parts)[: len(seeds)]
+
+    return results
 
 
 class Frame:
@@ -117,9 +122,15 @@ class Frame:
             tqdm(total=sum(counts.values()), unit=' runs', disable=None, leave=False) as bar,
             ProcessPoolExecutor(self.arguments.processes) as pool,
         ):
+            begun = {}
             for row, name in files.items():
                 file = store and store / f'{re.sub(r"[^0-9A-Za-z+-]+", "_", name)}.npz'
-                yield row, completed(kind, file, range(counts[row]), partial(run, row), pool, bar)
+                begun[row] = completed(kind, file, range(counts[row]), partial(run, row), pool, bar)
+            try:
+                for row, results in begun.items():
+                    yield row, results()
+            finally:
+                pool.shutdown(cancel_futures=True)
 
     def tabulate(
         self,
