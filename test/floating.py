@@ -113,7 +113,7 @@ def make(
     declared = declared.with_links(known_bodies(robot.model, robot.errors))
     followed = hypotheses(float(np.sum(robot.known[:, 0])), noise.base_position, 'none', adapt=adapt)
     settings = TrajectorySettings(
-        noise, WINDOW, kept, declared, followed, suspects(robot), conventions(declared.marker, '')
+        noise, WINDOW, kept, declared, followed, suspects(robot), conventions(declared.marker)
     )
     return TrajectoryEstimator(robot, settings, reporting)
 

@@ -72,7 +72,11 @@ def follow(unknown: MomentumKernel, begin: State, trajectory: JointTrajectory, s
 
 
 def begun(
-    name: str = 'servicer7', seconds: float = 8.0, unknown: MomentumKernel | None = None, **parameters: object
+    name: str = 'servicer7',
+    seconds: float = 8.0,
+    unknown: MomentumKernel | None = None,
+    spin: tuple[float, ...] = SPIN,
+    **parameters: object,
 ) -> Begun:
     """Return a robot that has moved all its joints for some seconds, then rested for half a second.
 
@@ -82,7 +86,7 @@ def begun(
     unknown = unknown or kernel(name)
     model = unknown.model
     start = np.append(START, np.zeros(model.joints))[: model.joints]
-    truth = follow(unknown, state(start, np.zeros(model.joints), SPIN), trajectory, seconds + 0.5)
+    truth = follow(unknown, state(start, np.zeros(model.joints), spin), trajectory, seconds + 0.5)
     method = estimator(unknown, MID, method='trajectory', **parameters)
     samples = observe(truth, MID, 1)[:-1]
     method.update(windows(samples), 0)

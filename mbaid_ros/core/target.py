@@ -200,11 +200,8 @@ def target_changed_text(time: float, *, exchanged: bool) -> str:
     return f'the body moved in the grasp at {time:.1f} s: identify it again from then on'
 
 
-def other_targets(kernel: MomentumKernel, *, declared: bool = False) -> Iterator[Convention]:
-    """Yield another unknown link on each other body: the last one with an inertia.
-
-    Where the parameters name the target, numbers of another link would answer another question: there is no repair.
-    """
+def other_targets(kernel: MomentumKernel) -> Iterator[Convention]:
+    """Yield another unknown link on each other body: the last one with an inertia."""
     last = {link.body: link for link in kernel.model.links if link.parameters[0] > 0.0}
     for body, link in last.items() if len(kernel.unknown) == 1 else ():
         if body != kernel.target.body:
@@ -214,7 +211,7 @@ def other_targets(kernel: MomentumKernel, *, declared: bool = False) -> Iterator
                 kernel.with_unknown_link(link.name),
                 misfit_left=RIGHT,
                 least_mass=_STILL_A_LINK * float(link.parameters[0]),
-                repair=None if declared else Repair(found, {'target_link': link.name}),
+                repair=Repair(found, {'target_link': link.name}),
             )
 
 

@@ -213,21 +213,15 @@ def suspects(kernel: MomentumKernel) -> tuple[Unknown, ...]:
     )
 
 
-def conventions(marker: PlacedFrame | None, target_link: str) -> tuple[ConventionFactory, ...]:
-    """Return what a driver or a robot description may have mistaken.
-
-    Parameters
-    ----------
-    marker : if one is declared
-    target_link : as declared; empty if it is the last link
-    """
+def conventions(marker: PlacedFrame | None) -> tuple[ConventionFactory, ...]:
+    """Return what a driver or a robot description may have mistaken; `marker` if one is declared."""
     return (
         reversed_joints,
         swapped_joints,
         joints_stamped_late,
         joints_in_degrees,
         mistaken_poses,
-        partial(other_targets, declared=bool(target_link)),
+        other_targets,
         mistaken_masses,
         partial(inverted_marker, marker=marker),
         partial(axis_conventions, marker=marker),

@@ -106,7 +106,7 @@ def _trajectory(
             adapt=_ADAPT and config.located,  # drifts show in poses only
         ),
         suspects=suspects(known.kernel),
-        conventions=conventions(known.declared.marker, config.target_link),
+        conventions=conventions(known.declared.marker),
         located=config.located,
         orientation_measured=config.oriented,
         before=before,

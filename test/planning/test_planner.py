@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.appendages import PANELS, with_panels
-from checked import same
+from checked import same, some
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.filter.posterior import End
 from mbaid_ros.core.geometry import rotation_from_quaternion
@@ -74,6 +74,17 @@ def test_the_prediction_covers_bodies_that_the_target_may_be(identified: Begun) 
         for point in better.posterior.drawn(8, 0)
     ]
     assert np.median(np.std(close, axis=0) / np.std(plan.sampled_stds / plan.std_after, axis=0)) < 0.25
+
+
+def test_robots_that_are_drawn_on_a_table_stay_on_it() -> None:
+    known = begun('table1', spin=(0.0, 0.0, 0.02), known_links__relative_std=0.02).posterior
+    plane = some(known.layout.plane)
+    for point in known.drawn(8, 0):
+        off = point.parameters[:6] - known.point.parameters[:6]
+        assert np.abs(off).max() > 0.0
+        assert off == pytest.approx(plane.T @ plane @ off, abs=1e-9 * np.abs(off).max())
+        out_of_plane = [3, 5, 7, 8, 4, 6]  # of the body: com_z and the moments and products beside izz
+        assert point.body[out_of_plane] == pytest.approx(known.point.body[out_of_plane], abs=1e-9)
 
 
 def test_the_base_moves_as_predicted_and_no_further_than_is_allowed(

@@ -90,6 +90,17 @@ def test_a_run_with_a_wrong_sign_ends_with_the_true_inertia() -> None:
     assert np.max(np.abs((last.parameters - truth) / last.std)[known]) < 4.0
 
 
+@pytest.mark.long
+def test_a_target_that_was_named_wrongly_is_replaced_and_said() -> None:
+    name = 'the wrong target link'
+    config = build(EstimatorConfig, {**declared(NOISE), 'repair': True, 'target_link': 'link6'})
+    run = Session(config, CATALOGUE[name].believed(URDF))
+    last = replayed(run, messages(name, 30.0))[-1]
+    assert last.status == 'estimating'
+    assert run.robot.target_link == 'link7'
+    assert str(last.repairs[0]).endswith('link7, not link6 (as if target_link were link7)')
+
+
 def test_a_run_without_a_contradiction_is_the_same_with_repair() -> None:
     given = messages('sinusoids of the shipped robot', 8.0)
     plain, asked = replayed(started(), given), replayed(started(repair=True), given)

@@ -520,6 +520,9 @@ class Posterior:
         generator = np.random.default_rng(seed)
         half = generator.standard_normal((-(-count // 2), len(self.triangle)))
         away = np.concatenate((half, -half))[:count] @ self.triangle
+        # Numbers that do not act in a plane have the width of a prior, and a normal a milliradian off mixes them in.
+        inside = self.variables.basis[FIRST:]
+        away = away @ inside @ inside.T if self.layout.plane is not None else away
         mean, points = self.state, []
         mass = LINEAR.start + 6
         for each in away:

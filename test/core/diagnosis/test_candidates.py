@@ -85,7 +85,7 @@ def causes(kind: type[CandidateCauses] = CandidateCauses, *hypotheses: Hypothesi
         Declared(),
         (UNDISTURBED, *hypotheses),
         suspects(KERNEL),
-        conventions(None, ''),
+        conventions(None),
     )
 
 

@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from checked import some
 from mbaid_ros.core.contracts import Convention
 from mbaid_ros.core.diagnosis.passes import fitted
 from mbaid_ros.core.geometry import Array, cross, exp, rotate, rotate_back, rotation_from_quaternion
@@ -96,7 +97,7 @@ def test_a_marker_declared_the_wrong_way_round_is_named_with_its_parameters() ->
 
 
 def likeliest(robot: MomentumKernel, samples: Samples, marker: AttachedFrame | None = None) -> str:
-    *factories, _ = conventions(marker, '')  # all but other axes
+    *factories, _ = conventions(marker)  # all but other axes
     windows, others = half_second_windows(samples), (each for mistaken in factories for each in mistaken(robot))
     fits = [fitted(windows, each, 4) for each in (Convention('', robot), *others) if each.possible(windows)]
     return min((fit for fit in fits if fit.exists), key=lambda fit: fit.misfit).convention.text
@@ -250,7 +251,7 @@ def grams(factor: float, *links: str) -> MomentumKernel:
 
 
 def mistaken(robot: MomentumKernel, text: str) -> Convention:
-    found = (each for factory in conventions(None, '') for each in factory(robot))
+    found = (each for factory in conventions(None) for each in factory(robot))
     return next(each for each in found if each.text.startswith(text))
 
 
@@ -268,12 +269,11 @@ def test_a_link_in_grams_is_no_link_that_holds_the_body() -> None:
     assert fitted(windows, mistaken(grams(1.0), 'the unknown body seems to be held by link3'), 4).exists
 
 
-def test_a_target_link_that_is_declared_is_not_replaced() -> None:
-    for declared, repaired in (('', True), ('link7', False)):
-        others = [each for factory in conventions(None, declared) for each in factory(kernel('servicer7'))]
-        found = [each for each in others if each.text.startswith('the unknown body')]
-        assert found
-        assert all((each.repair is not None) is repaired for each in found)
+def test_another_target_link_is_set_by_its_parameter() -> None:
+    others = [each for factory in conventions(None) for each in factory(kernel('servicer7'))]
+    found = [each.repair for each in others if each.text.startswith('the unknown body')]
+    named = ['base_link', *(f'link{number}' for number in range(1, 7))]
+    assert [some(each).parameters for each in found] == [{'target_link': name} for name in named]
 
 
 def test_an_arm_in_grams_is_told_from_a_base_in_tonnes_by_matter_that_does_not_exist() -> None:
