@@ -21,20 +21,22 @@ def main() -> None:
     verdicts: dict[Condition, Verdict] = {}
     for condition, (_, outcome) in zip(chosen, frame.outcomes(Outcome, run, files), strict=True):
         verdicts[condition] = judged(outcome, condition.name)
-        print(' | '.join(_line(condition, verdicts[condition], {})), flush=True)
-    repaired = _repaired(frame, verdicts)
+        print(' | '.join(_line(condition, verdicts[condition])), flush=True)
     summary = _summary(verdicts, method)
     print(summary)
     sections = [
         f'### {group.capitalize()}\n\n'
         + table(
             _HEADER,
-            [_line(one, verdict, repaired) for one, verdict in verdicts.items() if one.group == group],
+            [_line(one, verdict) for one, verdict in verdicts.items() if one.group == group],
             words=True,
         )
         for group in dict.fromkeys(condition.group for condition in chosen)
     ]
     frame.write(summary=summary, conditions='\n\n'.join([*sections, provenance()]))
+    repaired = _repaired(frame, verdicts)
+    if repaired:
+        frame.write(repaired=f'{_summary_of_repairs(repaired)}\n\n{provenance()}')
     by_name = {condition.name: verdict for condition, verdict in verdicts.items()}
     if set(WRONG_FILES) <= set(by_name):
         frame.write(files=_wrong_files(by_name))
@@ -52,16 +54,37 @@ def _repaired(frame: Frame, verdicts: Mapping[Condition, Verdict]) -> dict[str, 
     found = {}
     for (name, _), outcome in frame.outcomes(Outcome, run, files, seeds):
         found[name] = judged(outcome, name)
-        print(f'repaired: {name}: {_again(found[name])}', flush=True)
+        print('repaired: ' + ' | '.join(_repaired_line(name, found[name])), flush=True)
     return found
 
 
-def _again(verdict: Verdict) -> str:
-    return f'{statuses(verdict.statuses.elements())}; {percent(verdict.covered)}; {number(verdict.largest, 1)}'
+def _repaired_line(name: str, verdict: Verdict) -> list[str]:
+    return [
+        name,
+        statuses(verdict.statuses.elements()),
+        percent(verdict.covered),
+        number(verdict.largest, 1),
+        number(verdict.jointly, 1),
+        _named(verdict),
+    ]
 
 
-def _line(condition: Condition, verdict: Verdict, repaired: Mapping[str, Verdict]) -> list[str]:
-    again = repaired.get(condition.name)
+def _summary_of_repairs(repaired: Mapping[str, Verdict]) -> str:
+    every = repaired.values()
+    runs, published = (
+        sum(count for each in every for status, count in each.statuses.items() if status in counted)
+        for counted in ({status for each in every for status in each.statuses}, PUBLISHED)
+    )
+    wrong = sum(each.largest > FAR or each.jointly > FAR for each in every)
+    rows = [_repaired_line(name, verdict) for name, verdict in repaired.items()]
+    return (
+        f'**With `repair`, {published} of {runs} runs publish ({percent(published / runs)}), and in {wrong} of '
+        f'{len(repaired)} conditions a number is beyond {FAR:g} standard deviations.**\n\n'
+        + table(_REPAIRED_HEADER, rows, words=True)
+    )
+
+
+def _line(condition: Condition, verdict: Verdict) -> list[str]:
     return [
         condition.name,
         str(verdict.statuses.total()),
@@ -74,7 +97,6 @@ def _line(condition: Condition, verdict: Verdict, repaired: Mapping[str, Verdict
         _named(verdict),
         ', '.join(str(place or '-') for place in verdict.places),
         '**yes**' if verdict.silently_wrong else 'no',
-        '-' if again is None else _again(again),
     ]
 
 
@@ -113,8 +135,9 @@ def _wrong_files(verdicts: Mapping[str, Verdict]) -> str:
 
 _HEADER = (
     *('condition', 'seeds', 'last status', 'covered', 'largest error', 'jointly', 'at first', 'later', 'named first'),
-    *('true cause', 'silently wrong', 'repaired: last status; covered; largest error'),
+    *('true cause', 'silently wrong'),
 )
+_REPAIRED_HEADER = ('condition', 'last status', 'covered', 'largest error', 'jointly', 'repaired')
 
 
 if __name__ == '__main__':

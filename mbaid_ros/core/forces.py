@@ -70,7 +70,8 @@ class DisturbanceConfig:
     """Standard deviation of an external force along each axis, through the common centre of mass, different in every
     motion; 0: none."""
     force_time: float = parameter(0.0, 's', minimum=0.0)
-    """Time constant of the external force within a motion; 0: constant."""
+    """Time constant of the external force within a motion; 0: constant. A force that varies acts at a centre of mass
+    that is not known exactly: declare torque_std, too, as the force times the error of its lever arm."""
     axes: str = parameter('body', choices=PUSH_AXES)
     """Axes of the external torque and force: body (the base), inertial, or orbit (LVLH of the declared orbit)."""
 
