@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import dataclass, fields
 from functools import partial
-from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -23,7 +22,6 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import ArrayRecord, SensorNoise
 
 PUBLISHED = ('estimating', 'converged')  # statuses whose numbers count
-_SAVED_EVERY = 10  # runs
 _NOT_STATED = ('--output', '--processes', '--store')  # arguments on which no number depends
 
 Outcome = TypeVar('Outcome', bound='Runs')
@@ -63,9 +61,9 @@ def completed(
     missing = pool.map(run, seeds[done:])
 
     def results() -> Outcome:
-        while made := list(islice(missing, _SAVED_EVERY)):
-            bar.update(len(made))
-            parts.append(kind.stack(made))
+        for made in missing:
+            bar.update(1)
+            parts.append(kind.stack([made]))
             if file is not None:
                 file.parent.mkdir(parents=True, exist_ok=True)
                 np.savez(file, **vars(kind.concatenate(parts)))
