@@ -22,6 +22,7 @@ from sensor_msgs.msg import Imu, JointState
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
+from benchmarks.data import simulator_config
 from benchmarks.precapture import free_urdf
 from graph import Graph, Process
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
@@ -30,10 +31,11 @@ from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.urdf import replace_inertial
 from mbaid_ros.estimate_messages import Frames, InertiaPublication, debris_message, estimate_message, inertia_message
 from mbaid_ros.nodes.publishers import last_of_each_window
-from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, qos
+from mbaid_ros.nodes.subscriptions import LATCHED, TYPES, message_class, qos
 from mbaid_ros.parameters import build
+from mbaid_ros.session.explanation import sensor_rows
 from mbaid_ros.session.session import Session
-from mbaid_ros.simulated_run import TimedMessage
+from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 from simulated import CONFIG, options
 from streams import EPOCH, every_bit, offline, run, urdf
 
@@ -241,6 +243,55 @@ def test_a_pause_takes_nothing_and_no_parameter_can_be_set_while_it_runs(graph: 
     graph.wait(lambda: estimates[-1].samples > before and not estimates[-1].stale, 'an estimate after the pause')
     fixed = set_parameter(graph, 'window', 2.0)
     assert (fixed.successful, 'read-only' in fixed.reason) == (False, True)
+
+
+SIMULATED = {
+    'imu.rate': 200.0, 'gyros.names': ['hand'], 'gyros.hand.rate': 1000.0, 'gyros.hand.link': 'link3',
+    'poses.names': ['tracker', 'camera', 'mocap'], 'poses.tracker.rate': 2.0, 'poses.tracker.measures': 'orientation',
+    'poses.camera.rate': 5.0, 'poses.camera.link': 'link3', 'poses.mocap.rate': 100.0,
+}  # fmt: skip
+NAMED = {
+    'imu': 'imu',
+    'hand': 'gyros.hand',
+    'tracker': 'poses.tracker',
+    'camera': 'poses.camera',
+    'mocap': 'poses.mocap',
+}
+
+
+@pytest.mark.long
+def test_of_five_sensors_beside_the_odometry_nothing_is_lost_at_2_to_1000_hz(graph: Graph) -> None:
+    used = {
+        'imu.noise_density': 1e-4, 'gyros.names': ['hand'], 'gyros.hand.noise_density': 1e-4,
+        'gyros.hand.frame': 'link3', 'poses.names': ['tracker', 'camera', 'mocap'],
+        'poses.tracker.measures': 'orientation', 'poses.camera.frame': 'link3',
+    }  # fmt: skip
+    start(graph, *(f'{name}:={str(value).replace(chr(39), "")}' for name, value in used.items()))
+    estimates = graph.collect('/estimator/estimate', InertiaEstimate)
+    diagnostics = graph.collect('/diagnostics', DiagnosticArray, qos(100))
+    made_by = SimulatedRun(simulator_config('table1', SIMULATED), urdf('table1'), TYPES)
+    made_by.start = EPOCH
+    publishers = {
+        topic: graph.publisher(topic, message_class(kind), qos(10_000)) for topic, kind in made_by.topics.items()
+    }
+    session = Session(build(EstimatorConfig, used), urdf('table1'))
+    for timed in made_by.read(5.6):
+        publishers[timed.topic].publish(timed.message)
+        if timed.topic in NAMED:
+            session.add_named(timed.message, NAMED[timed.topic])
+        else:
+            (session.add_joint_state if timed.topic == 'joint_states' else session.add_odometry)(timed.message)
+    last = session.process()[-1]
+    expected = bits([estimate_message(last, TYPES, TABLE1)])
+    assert [session.received[name] for name in NAMED.values()] == [1121, 5601, 12, 29, 561]
+    used_of = {each.name: each.used for each in sensor_rows(session, last)}
+
+    def reported() -> dict[str, int]:
+        rows = {each.key: each.value for status in diagnostics[-1].status for each in status.values}
+        return {name: int(re.findall(r'(\d+) used', rows.get(name, '0 used'))[0]) for name in used_of}
+
+    graph.wait(lambda: estimates and bits(estimates[-1:]) == expected, 'the estimate')
+    graph.wait(lambda: diagnostics and reported() == used_of, 'all messages of all sensors')
 
 
 def test_poses_on_a_topic_of_their_own_locate_the_base_beside_an_imu(graph: Graph) -> None:
