@@ -75,12 +75,12 @@ def _summary_of_repairs(repaired: Mapping[str, Verdict]) -> str:
         sum(count for each in every for status, count in each.statuses.items() if status in counted)
         for counted in ({status for each in every for status in each.statuses}, PUBLISHED)
     )
-    wrong = sum(each.largest > FAR or each.jointly > FAR for each in every)
+    wrong, jointly = (sum(getattr(each, name) > FAR for each in every) for name in ('largest', 'jointly'))
     rows = [_repaired_line(name, verdict) for name, verdict in repaired.items()]
     return (
-        f'**With `repair`, {published} of {runs} runs publish ({percent(published / runs)}), and in {wrong} of '
-        f'{len(repaired)} conditions a number is beyond {FAR:g} standard deviations.**\n\n'
-        + table(_REPAIRED_HEADER, rows, words=True)
+        f'**With `repair`, {published} of {runs} runs publish ({percent(published / runs)}).** In {wrong} of '
+        f'{len(repaired)} conditions a number is beyond {FAR:g} standard deviations, in {jointly} all of a run '
+        f'together.\n\n' + table(_REPAIRED_HEADER, rows, words=True)
     )
 
 
