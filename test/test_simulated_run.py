@@ -97,7 +97,7 @@ def test_named_sensors_speak_on_topics_of_their_own() -> None:
     for name in topics:
         one, other = ([serialize(each.message, made.topics[name]) for each in part if each.topic == name]
                       for part in (messages, cut))  # fmt: skip
-        assert one == other  # whatever the order of the names
+        assert one == other  # in any order of the names
 
 
 def test_a_camera_sees_the_place_of_its_link_in_its_own_world_later() -> None:

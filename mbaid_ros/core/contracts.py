@@ -230,11 +230,6 @@ class Unknown:
         """
         raise NotImplementedError(type(self).__name__)
 
-    def central_force(self, value: Array, time: Array, rotation: Array) -> Array:
-        """Return the constant force at the common centre of mass, (B, 3) N in inertial axes, at `value` (e,) of it."""
-        del value, time
-        return np.zeros((len(rotation), 3))
-
     def measured(self, sensor: str, motion: Motion) -> Array | None:
         """Return how much more a sensor reads by it in B windows, (B, r, k); None where it is not in the readings.
 

@@ -382,12 +382,6 @@ class ExternalForce(ExternalTorque):
         axes, centre = self.model.rotation(time, rotation), whole[:, 1:4] / whole[:, :1]
         return np.concatenate((axes, skew(centre) @ axes), axis=1)
 
-    def central_force(self, value: Array, time: Array, rotation: Array) -> Array:
-        """Return it in inertial axes, (B, 3) N; zero where it varies, as its estimate is that of the last instant."""
-        if self.model.time:
-            return np.zeros((len(rotation), 3))
-        return np.asarray(self.model.rotation(time, rotation) @ (self.factor @ value))
-
     def plane_basis(self, detector: PlaneDetector) -> Array:
         """Return the two in the plane."""
         if self.model.axes == 'body':

@@ -332,7 +332,7 @@ class GyroErrors:
     with_orientation: bool = False  # whether the IMU measures the orientation, too, in the same axes
     link: Link | None = None  # that the IMU is on, where joints move it; None on the base
     name: str = IMU  # of its parameters
-    among: bool = False  # whether there are others, which its labels tell it from
+    among: bool = False  # whether its labels carry its name, as there are others
 
 
 def _said_of(name: str, parameter: str) -> str:

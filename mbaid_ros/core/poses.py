@@ -177,7 +177,7 @@ class PoseCollector:
     measures : as of the parameters
     view : transforms measurements of the odometry's world to an inertial frame; None of another world, or where it is
         one
-    located : returns orientations (N, 3, 3) and positions (N, 3), m, of what it locates, at samples
+    located : returns orientations (N, 3, 3) and positions (N, 3), m, of the frame that it locates, at samples
     found : whether levels of position and orientation are found in readings without a covariance
 
     Attributes
@@ -557,7 +557,7 @@ class PoseErrors(Linear):
 
 @dataclass(frozen=True, eq=False)
 class PoseWander(Linear):
-    """Errors of a pose sensor that are correlated in time: turn (rad) and displacement (m) of what it reads, 6."""
+    """Errors of a pose sensor that are correlated in time: turn (rad) and displacement (m) of its readings, 6."""
 
     name: str = ''
     measures: str = 'both'
@@ -705,7 +705,7 @@ def pose_instruments(
 
 
 def _located(samples: Samples, sensor: PoseSensor, kinematics: Kinematics) -> tuple[Array, Array]:
-    """Return orientations (N, 3, 3) and positions (N, 3), m, of what a sensor locates, at samples."""
+    """Return orientations (N, 3, 3) and positions (N, 3), m, of the frame that a sensor locates, at samples."""
     rotation, position = samples.base_rotation, samples.base_position
     if sensor.link is not None:
         turned, away = kinematics.configure(rotation, samples.joint_position).link_pose(sensor.link)

@@ -231,7 +231,7 @@ class BatchIteration:
         step *= trust_region(parameters, step)
         state[self.layout.parameters] = parameters + step
         point = self.layout.point(state, distribution.deviation, distribution.central_force)
-        point = point.drifting(momentum_drift(windows, distribution, self.layout))
+        point = point.drifting(momentum_drift(windows, filtered.gaussian, self.variables, self.layout))
         physical = correction < IMPOSSIBLE
         return BatchResult(point, held, windows, filtered, distribution, deviation, converged, physical, mass_held)
 
@@ -298,7 +298,7 @@ class BatchIteration:
         try:
             point = self.layout.point(distribution.mean + step, distribution.deviation, distribution.central_force)
             windows = yield from self.relinearise(stacks, point)
-            drift = momentum_drift(windows, distribution, self.layout)
+            drift = momentum_drift(windows, filtered.gaussian, self.variables, self.layout)
             if drift is not None:
                 windows = yield from self.relinearise(stacks, point.drifting(drift))
             prior = self.prior(filtered.hypothesis, filtered.longest_jump, point=point)
@@ -310,17 +310,19 @@ class BatchIteration:
         return there.mean - distribution.mean, there.covariance(BODY_PLACES)
 
 
-def momentum_drift(windows: WhitenedWindows, distribution: MeanAndCovariance, layout: Layout) -> MomentumDrift | None:
+def momentum_drift(
+    windows: WhitenedWindows, gaussian: SquareRootInformation, variables: Variables, layout: Layout
+) -> MomentumDrift | None:
     """Return how constant forces change the momentum over windows, from after the last; None where none acts.
 
     Without it windows would be linearised at the momentum of another one, and seem to see the masses by that.
     """
-    variables, numbers = distribution.variables, distribution.gaussian.mean_and_shift()[0]
-    axes, count = distribution.gaussian.axes, len(variables.scale)
+    axes, count = gaussian.axes, len(variables.scale)
+    if axes == 'none' and not any(each.pushes for each in layout.unknowns):
+        return None
+    numbers = gaussian.mean_and_shift()[0]
     acting = np.zeros(count, dtype=bool)
     acting[variables.first_unknown :] = numbers_of(layout.unknowns, [each.pushes for each in layout.unknowns])
-    if axes == 'none' and not acting.any():
-        return None
     changes = [white.momentum_change[:, acting] @ numbers[:count][acting] for _, white in windows]
     if axes != 'none':
         forced = (white.force_impulse(axes) @ numbers[count:] for _, white in windows)
@@ -329,7 +331,7 @@ def momentum_drift(windows: WhitenedWindows, distribution: MeanAndCovariance, la
     offsets = -after @ variables.to_state[MOMENTUM, variables.pose_size : variables.moving].T
     last = windows[-1][0]
     starts = np.array([window.start for window, _ in windows])
-    mass = layout.point(distribution.mean).total_mass
+    mass = layout.point(MeanAndCovariance.from_gaussian(gaussian, variables).mean).total_mass
     return MomentumDrift(starts, offsets, last.start + last.length, -offsets[-1] / last.length, mass)
 
 

@@ -498,7 +498,6 @@ def _momentum_change(
     bodies, position : near the end of each; (B, 3) m, of the base then
     point : of linearisation
     """
-    force: Array = np.tile(point.force, (len(position), 1))
     impulses = np.zeros((len(position), 6, layout.size))
     placed, length = bodies.states.configuration, stack.windows[0].length
     system = np.sum(express(bodies.parameters, placed.rotation, position[:, None] + placed.position), axis=1)
@@ -507,29 +506,28 @@ def _momentum_change(
             ends = stack.middles + 0.5 * length
             rates = unknown.momentum_rates(system, stack.windows[0].origin, ends, placed.rotation[:, 0])
             impulses[..., place] = length * rates @ unknown.factor
-            force += unknown.central_force(point.state[place], ends, placed.rotation[:, 0])
     centre = system[:, 1:4] / system[:, :1]
-    if not force.any():
+    if not point.force.any():
         return impulses, np.zeros((len(position), 6, 0)), centre
     leverage = np.zeros((len(position), 6, layout.size + 1))
-    leverage[:, 3:, :-1] = length * _torque_columns(layout, point.nominal.kernel, bodies, force, centre - position)
+    leverage[:, 3:, :-1] = length * _torque_columns(layout, point, bodies, centre - position)
     leverage[..., -1] = -leverage[..., :-1] @ point.state  # absolute parameters instead of deviations from the point
     return impulses, leverage, centre
 
 
-def _torque_columns(layout: Layout, kernel: MomentumKernel, bodies: Bodies, force: Array, arm: Array) -> Array:
-    """Return the derivatives (B, 3, s) of the torque of a force at the common centre of mass c, by the state.
+def _torque_columns(layout: Layout, point: Point, bodies: Bodies, arm: Array) -> Array:
+    """Return the derivatives (B, 3, s), by the state, of the torque of the point's force F at the centre of mass c.
 
     A robot that moves with the velocity a = F / M has P = M a and L = M c x a. With dP and dL their derivatives, the
     one of c x F at a given F is dL - c x dP (initialisation.md, forces and drifts).
 
     Parameters
     ----------
-    force, arm : (B, 3) N, and m from the base's origin to c
+    arm : (B, 3) m, from the base's origin to c
     """
     states, mass = bodies.states, np.sum(bodies.states.known[..., 0], axis=1)
-    velocity = np.zeros((len(force), 6))
-    velocity[:, :3] = force / mass[:, None]
+    velocity = np.zeros((len(arm), 6))
+    velocity[:, :3] = point.force / mass[:, None]
     moving = replace(
         states,
         body_twist=np.broadcast_to(velocity[:, None], states.body_twist.shape),
@@ -537,12 +535,12 @@ def _torque_columns(layout: Layout, kernel: MomentumKernel, bodies: Bodies, forc
         stored=np.zeros_like(states.stored),
         thrust=np.zeros_like(states.thrust),
     )
-    columns = np.zeros((len(force), 6, layout.size))
+    columns = np.zeros((len(arm), 6, layout.size))
     columns[..., BODY] = moving.regressor
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         # Processes move the centre to and fro.
         if not unknown.of_measurement and not np.isfinite(unknown.time_constants).any():
-            by_unknown = unknown.momentum_columns(kernel, moving)
+            by_unknown = unknown.momentum_columns(point.nominal.kernel, moving)
             if by_unknown is not None:
                 columns[..., place] = by_unknown @ unknown.factor
     return np.asarray(columns[:, 3:] - skew(arm) @ columns[:, :3])

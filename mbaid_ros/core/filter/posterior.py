@@ -346,7 +346,7 @@ class MeanAndCovariance:
     def published(self, prior_scales: VarianceComponents, layout: Layout, rows: Integers) -> tuple[Array, Array]:
         """Return some numbers (r,) of the state, the body's among them, and a covariance factor (r, w), as published.
 
-        With the correction for noise in the rows (intervals.md, eq. 2), and the priors scaled (eq. 7).
+        With the correction for noise in the rows (intervals.md, eq. 2), and the priors scaled (eq. 4).
         """
         part = self.factor_of(self.variables.to_state[rows])
         body, attenuation = self._attenuated

@@ -12,7 +12,7 @@ from mbaid_ros.core.contracts import Hypothesis, in_stacks
 from mbaid_ros.core.filter.gauss_newton import HOPELESS, BatchIteration, MultiStart, Start, momentum_drift
 from mbaid_ros.core.filter.gaussian import SquareRootInformation
 from mbaid_ros.core.filter.hypotheses import Bank, HypothesisFilter, leader, update_bank
-from mbaid_ros.core.filter.linearise import LinearisationCache, WhitenedWindow
+from mbaid_ros.core.filter.linearise import LinearisationCache
 from mbaid_ros.core.filter.posterior import MeanAndCovariance, VarianceComponents
 from mbaid_ros.core.geometry import Array, Flags, chi_square_limit
 from mbaid_ros.core.passive import resolved_frequencies
@@ -353,7 +353,8 @@ class Run:
         if ready is not None:
             white = self._linearised.whitened(ready, point)
             self._bank = update_bank(self._bank, ready, white, self._variables)
-            self._drift = self._drift_after(ready, white)
+            gaussian = leader(self._bank).gaussian
+            self._drift = momentum_drift([(ready, white)], gaussian, self._variables, self._layout)
             if self.phase is Phase.INITIALISING:
                 self._check_newton_step(leader(self._bank))
         self._latest = leader(self._bank)
@@ -363,10 +364,6 @@ class Run:
             # Where nothing acts, drifts or walks, the pose error alone goes on from its first knot.
             moving = self._latest.hypothesis.disturbed or self._variables.random_walk.shape[1] > 0
             (self._latest,) = update_bank((self._latest,), still_open, white, self._variables, advancing=moving)
-
-    def _drift_after(self, window: Window, white: WhitenedWindow) -> MomentumDrift | None:
-        distribution = MeanAndCovariance.from_gaussian(leader(self._bank).gaussian, self._variables)
-        return momentum_drift([(window, white)], distribution, self._layout)
 
     def _store(self, window: Window, *, joints_moved: bool) -> None:
         """Store a window, and begin a search where one is due; none as long as no joint has moved.

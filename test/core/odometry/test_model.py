@@ -263,7 +263,7 @@ def test_weights_of_an_integral_and_of_its_mean_over_the_knots(count: int) -> No
 def on_the_arm(
     kernel: MomentumKernel, exact: Samples, start: Array, unknown: Unknown
 ) -> Callable[[Array, Array], Array]:
-    """Return what is left of a gyro's and poses' readings of a link, linearised at values, with others in the state."""
+    """Return the residuals of a gyro's and poses' readings of a link, linearised at values, others in the state."""
     link = kernel.model.link(LINK)
     path = Kinematics(kernel.model).ancestors[link.body]
     lever = np.array([0.1, -0.2, 0.3])
