@@ -2,9 +2,10 @@
 """Put plausible mistakes into the core, one at a time, and print those that no test notices.
 
 The mistakes are drawn by a seed: a sign, a factor, a comparison, an index off by one, a guard or a term left out, min
-for max, `and` for `or`. Each is made in a copy of the project. First the tests of the mirrored folder run, those first
-that import the file most directly, then other tests that import it. A mistake after which the tests take longer than
---seconds of the processor counts as noticed. mutmut and cosmic-ray make every mutant, in texts as well: days of work.
+for max, `and` for `or`. Each is made in a copy of the project, where the tests run that execute the changed line, the
+fastest first, as many as take --limit seconds together. A mistake after which they take a multiple of that counts as
+noticed. --record runs the whole suite once, and keeps which test executes what in build/mutants; after a change of the
+core it is due again, after new tests with their files only. mutmut and cosmic-ray make every mutant: days of work.
 """
 
 import argparse
@@ -24,9 +25,10 @@ from queue import SimpleQueue
 from tqdm import tqdm
 
 from mutations.changes import Mutant, mutants_of
-from mutations.imports import Imports
+from mutations.executed import Executed, record
 
 ROOT = Path(__file__).resolve().parents[1]
+RECORDS = ROOT / 'build' / 'mutants'
 _COPIED = ('bags', 'config', 'docs', 'mbaid_ros', 'msg_defs', 'scripts', 'test', 'wheel_msgs')
 
 
@@ -36,15 +38,15 @@ class Outcome:
 
     mutant: Mutant
     noticed_by: str  # the first test that fails, 'time' if none ends, empty if all pass
-    mirrored: bool = False  # whether a test of the mirrored folder notices it
+    tests: int  # how many were run at most
 
 
 class Copies:
     """Copies of the project, one for each process that runs tests."""
 
-    def __init__(self, folder: Path, count: int, seconds: int) -> None:
+    def __init__(self, folder: Path, count: int, limit: float) -> None:
         self._free: SimpleQueue[Path] = SimpleQueue()
-        self._seconds = seconds
+        self._seconds = 60 + 3 * round(limit)
         self._changes = 0
         for number in range(count):
             copy = folder / str(number)
@@ -55,17 +57,16 @@ class Copies:
             (copy / 'install').symlink_to(ROOT / 'install')
             self._free.put(copy)
 
-    def outcome(self, mutant: Mutant, stages: Sequence[Sequence[str]]) -> Outcome:
-        """Return the fate of a mutant in stages of test files, the mirrored ones first."""
+    def outcome(self, mutant: Mutant, tests: Sequence[str]) -> Outcome:
+        """Return the fate of a mutant in some tests."""
+        if not tests:
+            return Outcome(mutant, '', 0)
         copy = self._free.get()
         path = copy / mutant.path
         before = path.read_text(encoding='utf-8')
         try:
             self._write(path, mutant.applied(before))
-            for number, files in enumerate(stages):
-                if files and (test := self.failure(copy, files)):
-                    return Outcome(mutant, test, mirrored=number == 0)
-            return Outcome(mutant, '')
+            return Outcome(mutant, self.failure(copy, tests), len(tests))
         finally:
             self._write(path, before)
             self._free.put(copy)
@@ -121,30 +122,25 @@ def drawn(folder: Path, count: int, seed: int) -> list[Mutant]:
     return [*lines.values()][:count]
 
 
-def run(mutants: Sequence[Mutant], arguments: argparse.Namespace) -> list[Outcome]:
+def run(mutants: Sequence[Mutant], executed: Executed, limit: float, processes: int) -> list[Outcome]:
     """Return the fate of each mutant, and print the survivors as they are known.
 
     A test that fails without any mutant notices none.
     """
-    imports = Imports(ROOT)
-    whole = [['test']] if arguments.whole else []
-    stages = []
-    for mutant in mutants:
-        mirrored, neighbours = imports.tests_of(ROOT / mutant.path)
-        stages.append([mirrored, neighbours[: arguments.neighbours], *whole])
+    tests = [executed.tests_of(each.path, each.line, limit) for each in mutants]
     outcomes = []
-    with tempfile.TemporaryDirectory() as name, ThreadPoolExecutor(arguments.processes) as pool:
-        copies = Copies(Path(name), arguments.processes, arguments.seconds)
-        found = pool.map(copies.outcome, mutants, stages)
+    with tempfile.TemporaryDirectory() as name, ThreadPoolExecutor(processes) as pool:
+        copies = Copies(Path(name), processes, limit)
+        found = pool.map(copies.outcome, mutants, tests)
         for each in tqdm(found, total=len(mutants), unit=' mutant', disable=None):
             outcomes.append(each)
             if not each.noticed_by:
-                tqdm.write(f'not noticed: {each.mutant}')
+                tqdm.write(f'not noticed by {each.tests} tests: {each.mutant}')
                 sys.stdout.flush()
         failing = copies.unchanged_failures([each.noticed_by for each in outcomes])
     for test in sorted(failing):
         print(f'fails without a mutant, too, and notices none: {test}')
-    return [replace(each, noticed_by='', mirrored=False) if each.noticed_by in failing else each for each in outcomes]
+    return [replace(each, noticed_by='') if each.noticed_by in failing else each for each in outcomes]
 
 
 def summary(outcomes: Sequence[Outcome]) -> Iterator[str]:
@@ -153,8 +149,13 @@ def summary(outcomes: Sequence[Outcome]) -> Iterator[str]:
     for each in outcomes:
         folders.setdefault(str(each.mutant.path.parent), []).append(each)
     for folder, some in [*sorted(folders.items()), ('all', [*outcomes])]:
-        noticed, mirrored = (sum(bool(getattr(each, name)) for each in some) for name in ('noticed_by', 'mirrored'))
-        yield f'{folder}: {noticed} of {len(some)} noticed, {mirrored} of them by the mirrored tests'
+        yield f'{folder}: {sum(bool(each.noticed_by) for each in some)} of {len(some)} noticed'
+
+
+def unexecuted(folder: Path, executed: Executed) -> Iterator[str]:
+    """Yield the lines of each file below a folder that no test executes."""
+    for path in (path.relative_to(ROOT) for path in sorted(folder.rglob('*.py'))):
+        yield from (f'{path}:{line}' for line in executed.unexecuted(path))
 
 
 def main() -> int:
@@ -163,14 +164,23 @@ def main() -> int:
     parser.add_argument('--count', type=int, default=100, metavar='N', help='mutants (default: %(default)s)')
     parser.add_argument('--seed', type=int, default=0, metavar='N')
     parser.add_argument('--folder', default='mbaid_ros/core', help='of the mutants (default: %(default)s)')
-    parser.add_argument('--neighbours', type=int, default=10, metavar='N', help='test files (default: %(default)s)')
-    parser.add_argument('--whole', action='store_true', help='run the whole default suite on survivors, too')
+    parser.add_argument('--limit', type=float, default=40.0, metavar='S', help='of tests each (default: %(default)s)')
     parser.add_argument('--processes', type=int, default=os.cpu_count(), metavar='N')
-    parser.add_argument('--seconds', type=int, default=300, metavar='S', help='of the processor (default: %(default)s)')
+    parser.add_argument('--record', nargs='*', metavar='TESTS', help='run them first, without names all, and record')
     parser.add_argument('--list', action='store_true', help='print the mutants and run nothing')
+    parser.add_argument('--unexecuted', action='store_true', help='print the lines that no test executes')
     arguments = parser.parse_args()
     mutants = drawn(ROOT / arguments.folder, arguments.count, arguments.seed)
-    print('\n'.join(map(str, mutants) if arguments.list else summary(run(mutants, arguments))))
+    if arguments.list:
+        print('\n'.join(map(str, mutants)))
+        return 0
+    if arguments.record is not None or not RECORDS.is_dir():
+        record(ROOT, RECORDS, arguments.record or [], arguments.processes)
+    executed = Executed(ROOT, RECORDS)
+    if arguments.unexecuted:
+        print('\n'.join(unexecuted(ROOT / arguments.folder, executed)))
+    else:
+        print('\n'.join(summary(run(mutants, executed, arguments.limit, arguments.processes))))
     return 0
 
 

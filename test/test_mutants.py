@@ -9,7 +9,7 @@ import pytest
 
 from documents import ROOT
 from mutations.changes import mutants_of
-from mutations.imports import Imports
+from mutations.executed import Executed, record
 
 CODE = '''"""A text - with - signs."""
 
@@ -87,24 +87,73 @@ def test_a_mutant_is_python_and_differs_in_one_place() -> None:
         assert ast.dump(ast.parse(changed)) != ast.dump(ast.parse(source)), mutant
 
 
-def test_the_tests_of_a_file_follow_from_their_imports(tmp_path: Path) -> None:
-    for name, text in {
-        'mbaid_ros/core/part/near.py': '',
-        'mbaid_ros/core/part/far.py': 'from mbaid_ros.core.part.near import x\n',
-        'test/helper.py': 'from mbaid_ros.core.part import near\n',
-        'test/core/part/test_far.py': 'from mbaid_ros.core.part.far import y\n',
-        'test/core/part/test_near.py': 'from mbaid_ros.core.part.near import x\n',
-        'test/core/part/test_other.py': '',
-        'test/core/test_whole.py': 'from helper import z\n',
-        'test/test_indirect.py': 'from mbaid_ros.core.part.far import y\n',
-    }.items():
-        path = tmp_path / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
-    imports = Imports(tmp_path)
-    mirrored, neighbours = imports.tests_of(tmp_path / 'mbaid_ros/core/part/near.py')
-    assert [Path(each).name for each in mirrored] == ['test_near.py', 'test_far.py', 'test_other.py']
-    assert [Path(each).name for each in neighbours] == ['test_whole.py']
-    mirrored, neighbours = imports.tests_of(tmp_path / 'mbaid_ros/core/part/far.py')
-    assert [Path(each).name for each in mirrored] == ['test_far.py', 'test_other.py', 'test_near.py']
-    assert [Path(each).name for each in neighbours] == ['test_indirect.py']
+CORE = """
+LIMIT = 2.0 * 3.0
+
+
+def twice(value):
+    return (
+        2.0
+        * value
+    )
+
+
+def halved(value):
+    return 0.5 * value
+
+
+def squared(value):
+    return value**2
+"""
+TESTS = """
+import pytest
+from functools import cache
+from mbaid_ros.core.numbers import halved, twice
+
+@pytest.fixture(scope='module')
+def four():
+    return twice(2.0)
+
+@cache
+def one():
+    return halved(2.0)
+
+def test_first(four):
+    assert four == 4.0
+
+def test_second(four):
+    assert four > 3.0
+
+def test_third():
+    assert one() == 1.0
+
+def test_fourth():
+    assert one() < 2.0
+
+def test_fails():
+    assert twice(1.0) == 3.0
+"""
+
+
+def test_the_tests_of_a_line_are_those_that_execute_it(tmp_path: Path) -> None:
+    """By themselves or by a fixture, then others of the file; none that fails."""
+    path = Path('mbaid_ros/core/numbers.py')
+    for name, text in {str(path): CORE, 'mbaid_ros/__init__.py': '', 'test/test_numbers.py': TESTS}.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    (tmp_path / 'pyproject.toml').write_text('[tool.pytest.ini_options]\npythonpath = ["."]\n')
+    record(tmp_path, tmp_path / 'records', [], 0)
+    executed = Executed(tmp_path, tmp_path / 'records')
+
+    def tests(line: int, limit: float = 60.0) -> list[str]:
+        return [test.partition('::test_')[2] for test in executed.tests_of(path, line, limit)]
+
+    assert executed.unexecuted(path) == [17]
+    assert set(tests(7)) == {'first', 'second', 'third', 'fourth'}
+    assert set(tests(7, limit=0.055)) == {'first', 'second'}
+    assert tests(13, limit=1e-3) == ['third']
+    assert len(tests(2)) == 4
+    assert not tests(17)
+    (tmp_path / path).write_text(CORE + '\n')
+    with pytest.raises(SystemExit, match='--record'):
+        tests(7)
