@@ -85,9 +85,9 @@ def read_xml(path: str | Path, kind: str, limit: int, error: type[MbaidError]) -
             raise LookupError
         text = content.decode(name).removeprefix('\ufeff')
     except LookupError as reason:
-        raise error(f"{kind} '{path}' declares the encoding '{name}', which is not known; accepted: UTF-8") from reason
+        raise error(f"{kind} '{path}' states the encoding '{name}', which is not known; accepted: UTF-8") from reason
     except UnicodeError as reason:
-        hint = 'as it declares' if declared else 'and declares no other encoding'
+        hint = 'as it states' if declared else 'and states no other encoding'
         raise error(f"{kind} '{path}' is not text in {name.upper()}, {hint}; save it in UTF-8") from reason
     if len(text) > limit:
         raise error(f"{kind} '{path}' has more than {limit} characters, which is the limit")

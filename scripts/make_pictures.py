@@ -110,7 +110,7 @@ def robot(view: Any, model: Any, data: Any, configuration: Array) -> None:
     com = hand.act(model.inertias[model.njoints - 1].lever)
     view.plot(*np.array([places[-1], com]).T, color=ORANGE, linewidth=2.0, linestyle='-')
     view.scatter(*com, s=1500, color=ORANGE, alpha=0.6)
-    view.text(com[0], com[1], com[2] + 0.5, 'held body', color=ORANGE, ha='center')
+    view.text(com[0], com[1], com[2] + 0.5, 'captured body', color=ORANGE, ha='center')
     view.text(places[0, 0], places[0, 1], places[0, 2] + 0.9, 'floating base', color=GREY, ha='center')
     for limits, middle in zip((view.set_xlim, view.set_ylim, view.set_zlim), 0.5 * (places[0] + com), strict=True):
         limits(middle - 1.5, middle + 1.5)

@@ -176,7 +176,7 @@ def _in_order(stream: BinaryIO, chunks: Collection[ChunkInfo], topics: Mapping[i
         yield _popped_before(waiting, chunk.message_start_time)
         if sum(len(data) for block in waiting.values() for data in block.contents) > limits.OVERLAP_BYTES:
             raise DataError(
-                f'chunks that overlap in time hold more than {limits.OVERLAP_BYTES} bytes, which is the limit'
+                f'chunks that overlap in time contain more than {limits.OVERLAP_BYTES} bytes, which is the limit'
             )
         waiting[chunk.chunk_start_offset] = _content(stream, chunk, topics)
     yield _popped_before(waiting, np.inf)

@@ -39,7 +39,7 @@ def files_of(folder: Path) -> tuple[list[Path], str]:
         reason = reason_of(error)
     entries = list(islice(folder.iterdir(), limits.FOLDER_FILES + 1))
     if len(entries) > limits.FOLDER_FILES:
-        raise DataError(f"folder '{folder}' holds more than {limits.FOLDER_FILES} files, which is the limit")
+        raise DataError(f"folder '{folder}' contains more than {limits.FOLDER_FILES} files, which is the limit")
     files = [path for path in sorted(entries, key=_natural_order) if path.name.endswith(BAG_FILES)]
     if not files:
         why = f'there is no .mcap and no .db3 file in it; metadata.yaml: {reason}'
@@ -92,7 +92,7 @@ def open_file(file: Path, scratch: ExitStack) -> Source:
         if head == MCAP_MAGIC:
             return SalvagedSource(file)
         if not head or (file.suffix == '.mcap' and MCAP_MAGIC.startswith(head)):
-            raise DataError(f"bag '{file}' holds no messages: it was cut off before the first one") from error
+            raise DataError(f"bag '{file}' contains no messages: it was cut off before the first one") from error
         if head == ROS1_MAGIC[: len(head)] and head:
             command = f'rosbags-convert --src {file.name} --dst FOLDER'
             raise DataError(f"bag '{file}' is one of ROS 1; accepted: the same converted, by {command}") from error
@@ -107,7 +107,7 @@ def unread_log(file: Path) -> str:
     if not log.is_file() or not log.stat().st_size:
         return ''
     command = shlex.join(['sqlite3', str(file), 'PRAGMA wal_checkpoint(TRUNCATE)'])
-    return f"'{log}' holds messages not yet written into its bag, and is not read: {command} writes them there"
+    return f"'{log}' contains messages not yet written into its bag, and is not read: {command} writes them there"
 
 
 def _natural_order(path: Path) -> list[int | str]:

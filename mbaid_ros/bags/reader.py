@@ -74,7 +74,7 @@ class BagReader:
         if not self.messages:
             self.close()
             why = '; '.join(self.warnings) if whole else 'it was cut off before the first one'
-            raise DataError(f"bag '{self.path}' holds no messages" + (f': {why}' if why else ''))
+            raise DataError(f"bag '{self.path}' contains no messages" + (f': {why}' if why else ''))
 
     def of_types(self, *types: str) -> list[str]:
         """Return the topics with messages of one of some types."""
@@ -100,7 +100,7 @@ class BagReader:
         if found.encoding != 'cdr':
             raise DataError(f"topic '{topic}' of bag '{self.path}' is encoded as {found.encoding}; accepted: cdr")
         if not found.count:
-            raise DataError(f"topic '{topic}' of bag '{self.path}' holds no messages")
+            raise DataError(f"topic '{topic}' of bag '{self.path}' contains no messages")
 
     def blocks(self, topics: Collection[str]) -> Iterator[Block]:
         """Yield the messages of topics in recorded order, a chunk at a time; damaged bytes end it, with a warning."""

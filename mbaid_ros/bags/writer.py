@@ -158,7 +158,7 @@ class BagWriter:
             self._writer.metapath.with_suffix('.yaml.tmp').unlink(missing_ok=True)
             if self._handed_over:
                 self._close_storage(storage)
-                left = f'it holds {self._handed_over} of {self.messages} messages'
+                left = f'it contains {self._handed_over} of {self.messages} messages'
             else:
                 self._remove_files()
                 left = 'nothing is left of it'

@@ -24,7 +24,7 @@ from mbaid_ros.core.state import MOMENTUM, Declared, UnknownsPrior
 from mbaid_ros.core.target import KnownTarget
 from mbaid_ros.errors import DataError
 
-_NO_WINDOWS = 'the data hold no complete window; accepted: joint states and odometry that overlap in time'
+_NO_WINDOWS = 'the data contain no complete window; accepted: joint states and odometry that overlap in time'
 # Range of a joint's window means, in standard deviations of one, from which it moves.
 _MOVES = 20.0
 _SMALLEST = 1e-9  # standard deviation in units of the prior's that counts as none: rounding

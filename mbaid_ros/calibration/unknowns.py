@@ -138,7 +138,7 @@ class StandardNormals:
 
 # Standard deviation, in typical sizes, of an unknown without a prior (as in difference).
 NO_PRIOR = 100.0
-_EXACT = 1e-6  # relative standard deviation of numbers declared exact: a covariance has to be regular
+_EXACT = 1e-6  # relative standard deviation of numbers specified exact: a covariance has to be regular
 # Smallest eigenvalue of a pseudo-inertia, relative to the largest, that still counts as a body: flat ones are common.
 _FLAT = -1e-9
 

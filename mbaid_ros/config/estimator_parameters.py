@@ -23,7 +23,7 @@ from mbaid_ros.core.target import DebrisConfig, MomentumConfig, TargetPriorConfi
 from mbaid_ros.core.wheels import WheelsConfig
 from mbaid_ros.parameters import METHODS, parameter
 
-# Parameters of a robot that is exactly its URDF and in no undeclared orbit, as only a simulated one is.
+# Parameters of a robot that is exactly its URDF and in no unspecified orbit, as only a simulated one is.
 EXACT = {
     'known_links.relative_std': 0.0,
     'known_joints.zero_std': 0.0,
@@ -67,22 +67,22 @@ class NoiseConfig:
     odometry. 0: estimated from the readings, as that of the base twist is."""
 
     estimate: bool = parameter(default=False)
-    """Use the noise estimated from the readings of every sensor, in place of the declared one. The estimated noise is
+    """Use the noise estimated from the readings of every sensor, in place of the one set here. The estimated noise is
     reported in any case."""
 
     trust_declared: bool = parameter(default=False)
-    """Keep the declared noise of base and joints where the readings contradict it; otherwise the estimated noise
+    """Keep the noise that is set for base and joints where the readings contradict it; otherwise the estimated noise
     replaces it, with a warning."""
 
     @property
     def declared(self) -> SensorNoise:
-        """The declared noise, with typical levels of a servicer's sensors where nothing is declared."""
+        """The noise as set, with typical values of a servicer's sensors where none is set."""
         levels = {name: getattr(self, name) or float(usual) for name, usual in zip(CHANNELS, TYPICAL, strict=True)}
         return SensorNoise(**levels, base_correlation_time=self.base_correlation_time)
 
     @property
     def undeclared(self) -> Flags:
-        """Which of CHANNELS have no declared noise, (6,)."""
+        """Which of CHANNELS have no noise set, (6,)."""
         return np.array([getattr(self, name) == 0.0 for name in CHANNELS])
 
 

@@ -152,7 +152,7 @@ def _sections(content: Mapping[object, object], prefix: str, path: str) -> list[
     for key, value in content.items():
         if key == _SECTION:
             if value is not None and not isinstance(value, dict):
-                raise ParameterError(f"parameter file '{path}': {_SECTION} of '{prefix}' must hold 'name: value' pairs")
+                raise ParameterError(f"parameter file '{path}': {_SECTION} of '{prefix}' must have 'name: value' pairs")
             found.append((prefix or '/', value or {}))
         elif isinstance(value, dict):
             found += _sections(value, f'{prefix}/{str(key).strip("/")}', path)

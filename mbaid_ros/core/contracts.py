@@ -430,7 +430,7 @@ def underestimated_text(cause: str, size: float) -> str:
     parameter = words.parameter or 'its standard deviation'
     times = f'{size:.{1 if size < 10.0 else 0}f}' if size < 0.95 * _LARGEST_SIZE else f'{_LARGEST_SIZE:g} or more'
     return (
-        f'{kind_in_words(cause)} {"looks" if name else "look"} {times} times as far off as declared: intervals allow '
+        f'{kind_in_words(cause)} {"looks" if name else "look"} {times} times as far off as specified: intervals allow '
         f'for that; raise {parameter}'
     )
 

@@ -38,7 +38,7 @@ _ENOUGH_SAMPLES = 50
 # once in years of windows.
 _FALSE_ALARM = 1e-9
 _ENOUGH = 50  # redundant equations from which the tests can be trusted
-# Normalised innovation squared, of an equation: noise a fifth larger than declared is no contradiction.
+# Normalised innovation squared, of an equation: noise a fifth larger than specified is no contradiction.
 _LARGEST_MEAN = 1.5
 _NEAR = 1.0  # s, within which it is the same jump
 # Part of the information about a jump that is added to its remainder: without a remainder, none shows.

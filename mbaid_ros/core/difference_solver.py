@@ -232,7 +232,7 @@ def first_solutions(blocks: Blocks, information: Array, right_side: Array) -> li
             break
         data, right = sums.weighted(compensate=compensate)
         candidate = solve_symmetric(data + information, right + right_side)
-        # Compensation fails if the noise is smaller than declared.
+        # Compensation fails if the noise is smaller than specified.
         if compensate and (candidate[0] <= 0.0 < x[0] or not np.all(np.isfinite(candidate))):
             break
         x = candidate

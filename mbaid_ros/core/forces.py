@@ -46,7 +46,7 @@ _BY_ERROR[0] = np.eye(6)
 _BY_ERROR[1:, :3, :3] = _BY_ERROR[1:, 3:, 3:] = skew(np.eye(3))
 _DEVIATIONS = ('scale_std', 'direction_std', 'delay_std')  # of a thruster, in the order of its numbers
 _PARTS = (slice(0, 1), slice(1, 4), slice(4, 5))  # the numbers of each
-_OFF = 3.0  # declared deviations, from which a number of a thruster counts as the one that is off
+_OFF = 3.0  # specified deviations, from which a number of a thruster counts as the one that is off
 TORQUE, FORCE = 'external torque', 'external force'
 DisturbanceAxes = Literal['body', 'inertial', 'orbit']
 # N s / sqrt(s) / kg of the known bodies: random walk of the momentum that stands for a force which is not constant.
@@ -71,9 +71,9 @@ class DisturbanceConfig:
     motion; 0: none."""
     force_time: float = parameter(0.0, 's', minimum=0.0)
     """Time constant of the external force within a motion; 0: constant. A force that varies acts at a centre of mass
-    that is not known exactly: declare torque_std, too, as the force times the error of its lever arm."""
+    that is not known exactly: set torque_std, too, as the force times the error of its lever arm."""
     axes: str = parameter('body', choices=PUSH_AXES)
-    """Axes of the external torque and force: body (the base), inertial, or orbit (LVLH of the declared orbit)."""
+    """Axes of the external torque and force: body (the base), inertial, or orbit (LVLH of orbit.*)."""
 
 
 @dataclass(frozen=True)

@@ -52,8 +52,8 @@ class KnownLinksConfig:
     parameter by itself; 0: exact."""
     total_mass: float = parameter(0.0, 'kg', minimum=0.0)
     """Mass of the whole robot with an empty hand, if it was weighed. The target link's own <inertial> in the URDF
-    counts as a part of it, so it must not contain the held body. A known_links.calibration has this mass already. 0:
-    unknown."""
+    counts as a part of it, so it must not contain the captured body. A known_links.calibration has this mass already.
+    0: unknown."""
     total_mass_std: float = parameter(0.0, 'kg', minimum=0.0)
     """Standard deviation of known_links.total_mass; 0: unknown."""
     calibration: str = parameter('')

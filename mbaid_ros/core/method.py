@@ -75,7 +75,7 @@ _AT_REST = 'no joint has moved yet: with joints at rest no single body is observ
 _TUMBLING = (
     'no joint has moved yet: tumbling determines only the ratios of the moments of inertia; calibrate reports them'
 )
-_WIDER = 30.0  # times the declared deviation, with which a thing that is further off is estimated for its repair
+_WIDER = 30.0  # times the specified deviation, with which a thing that is further off is estimated for its repair
 _SETTLING = 2  # windows that a changing target may take: the next run begins as many later
 _PULSES = 1e3  # Hz
 _FEWEST = 3  # samples of a window, whose knots are too far apart with fewer

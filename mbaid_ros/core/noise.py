@@ -24,15 +24,15 @@ UNITS = ('rad', 'rad/s', 'm', 'rad', 'm/s', 'rad/s')  # m and m/s of a prismatic
 TYPICAL = np.array([1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4])  # usual for the sensors of a servicer
 # Declared joint noise over found noise, from which the bias correction of the equations biases them itself.
 _FAR_TOO_LARGE = 10.0
-_MILLIMETRES, _UNIT_LEFT = 1e3, 0.5  # in a metre; decades that the declared noise itself may be wrong by
-_WRONG = 1.3  # times too small or too large, from which a declared value is reported as wrong: declarations are rough
+_MILLIMETRES, _UNIT_LEFT = 1e3, 0.5  # in a metre; decades that the specified noise itself may be wrong by
+_WRONG = 1.3  # times too small or too large, from which a specified value is reported as wrong: users know it roughly
 # Of the differences: they cancel polynomials of fifth degree, which motion resembles over seven readings.
 ORDER = 6
 _AT_ONCE = 300  # readings that are looked at together, unless a window ends before: few cost as much as many
 _ALL = 2048  # readings, of which all differences are used: later on, a quarter suffices
 BINOMIAL = np.array([(-1.0) ** place * comb(ORDER, place) for place in range(ORDER + 1)]) / np.sqrt(comb(12, ORDER))
 _LONGEST = 200_000_000  # ns times the stride: of readings further apart it is the motion that shows
-# Bins an octave of squared differences (over the declared variance), the lowest octave as a power of 2, how many
+# Bins an octave of squared differences (over the specified variance), the lowest octave as a power of 2, how many
 # octaves.
 _PARTS, _LOWEST, _OCTAVES = 8, -40, 80
 _BINS = _PARTS * _OCTAVES
@@ -55,10 +55,10 @@ _SHORTEST = 3  # strides over which noise has to grow to count as correlated, wh
 # Times the variance grows from one stride to the next by motion, not noise, and the standard deviations beside.
 _NO_NOISE, _DOUBT = 2.3, 3.0
 _TIMES = np.append(0.0, np.geomspace(0.005, 10.0, 62))  # s; a run does not determine longer ones
-# Twice the log-likelihood by which white noise, or a declared level, has to be contradicted; that within which a longer
+# Twice the log-likelihood by which white noise, or a specified size, has to be contradicted; that within which a longer
 # time of correlation is preferred: two standard deviations.
 _CLEAR, _LIKELY = 12.0, 4.0
-_NEAR = 2.0 * np.log(1.15)  # logarithm of a variance that is as declared: intervals hardly depend on it
+_NEAR = 2.0 * np.log(1.15)  # logarithm of a variance that is as specified: intervals hardly depend on it
 _AUTOCORRELATION = np.array(
     [(-1.0) ** lag * comb(12, 6 + lag) / comb(12, 6) * (2.0 if lag else 1.0) for lag in range(7)]
 )
@@ -67,13 +67,13 @@ _STRIDES = (1, 2, 4, 8, 16, 32)
 _LONG_STRIDES = (16, 32, 64, 128, 256, 512)  # of the poses less the integrated twist: no motion shows at any
 _OF_A_POSE = 12  # differences that a reading of pose and twist ends at most, of each stride
 _GROWS = 1.4  # times the variance grows from one stride to the next, halfway to what errors do that last
-# Times too small or too large, between which a declared noise of the joints is replaced: less hardly matters, and of
+# Times too small or too large, between which a specified noise of the joints is replaced: less hardly matters, and of
 # more the readings are no noise.
 _WRONG_JOINTS = 1.3, 30.0
 _ANEW = 1.25  # times as many differences, at which levels are worked out again: nothing changes before
 # Least level, as a part of a servicer's usual sensor noise: models deviate by more than that.
 _LEAST = 1.0 / 30.0
-# Of poses without a twist, undeclared: spacing (s) up to which differences determine their noise, poses that this
+# Of poses without a twist, unspecified: spacing (s) up to which differences determine their noise, poses that this
 # takes, lost ones included, and how many times as noisy as usual they count until then.
 _SLOWEST, _FIRST, _AT_FIRST = 0.2, 40, 100.0
 # s, and poses, after which differences separate errors that last from small ones; s, after which no run waits longer.
@@ -123,13 +123,13 @@ class NoiseLevels:
                 for name, unit, declared, found, wrong in list(each)[own]
                 if wrong
             ]
-            texts += [f'the declared noise of the {what} is wrong: {"; ".join(replaced)}'] if replaced else []
+            texts += [f'the noise set for the {what} is wrong: {"; ".join(replaced)}'] if replaced else []
         declared, found = float(self.declared[0]), max(float(self.estimated[0]), float(TYPICAL[0]))
         if self.used[0] or not declared > _FAR_TOO_LARGE * found:
             return texts
         texts.append(
             f'noise.joint_position is {declared:.2g} rad, the readings scatter by {self.estimated[0]:.2g}: estimates '
-            'may be biased by more than their intervals; declare the noise of the joints, or set noise.estimate'
+            'may be biased by more than their intervals; set noise.joint_position, or noise.estimate'
         )
         return texts
 
@@ -140,11 +140,11 @@ class NoiseLevels:
         return bool(self.contradicted[2]) and abs(np.log10(ratio / _MILLIMETRES)) < _UNIT_LEFT
 
     def rows(self) -> list[tuple[str, str, str]]:
-        """Return name and unit of each sensor, and its declared and found level, the one in use first."""
+        """Return name and unit of each sensor, and its noise as set and as estimated, the one in use first."""
         each = zip(CHANNELS, UNITS, self.declared, self.estimated, self.assumed, self.used, strict=True)
         rows = []
         for name, unit, declared, found, assumed, used in each:
-            both = [(declared, 'declared'), (found, 'found')]
+            both = [(declared, 'set'), (found, 'estimated')]
             every = [*(both[::-1] if used else both), (assumed, 'assumed')]
             known = [f'{value:.2g} {how}' for value, how in every if np.isfinite(value)]
             rows.append((name.replace('_', ' '), unit, ', '.join(known)))
@@ -162,9 +162,9 @@ class NoiseLevels:
             value = f'your noise value, {declared:.2g} {unit}, is {_wrong(ratio)}'
             lines.append(f'{name.replace("_", " ")}: {value}: {found:.2g} {unit} in the data{use}')
         if found_alone := self._undeclared(self.estimated):
-            lines.append(f'no noise is declared for {listing(found_alone)}: estimated from the data')
+            lines.append(f'no noise is set for {listing(found_alone)}: estimated from the data')
         if assumed := self._undeclared(self.assumed):
-            lines.append(f'no noise is declared for {listing(assumed)}, and the data do not determine it: assumed')
+            lines.append(f'no noise is set for {listing(assumed)}, and the data do not determine it: assumed')
         for what, time in (('pose', self.correlation_time), ('twist', self.twist_correlation_time)):
             if time > 0.0:
                 lines.append(f'the errors of the base {what} are taken to be correlated over {time:.2g} s')

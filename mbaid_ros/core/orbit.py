@@ -256,12 +256,12 @@ class OrbitConfig(SimulatedOrbitConfig):
     """Stamp at which nadir has the given direction, and a rotating frame has the axes of the reported momentum; 0: the
     first sample."""
     undeclared_rate: float = parameter(1.2e-3, 'rad/s', minimum=0.0, maximum=0.1)
-    """Without orbit.mean_motion: largest rate of an undeclared orbit, whose gravity gradient is estimated; 0: none."""
+    """Without orbit.mean_motion: largest rate of an unknown orbit, whose gravity gradient is estimated; 0: none."""
     gradient_relative_std: float = parameter(0.0, minimum=0.0, maximum=1.0)
     """With orbit.mean_motion: relative standard deviation of the gravity gradient of that orbit, as where it was only
     estimated from a motion; 0: exact."""
     undeclared_eccentricity: float = parameter(0.002, minimum=0.0, maximum=0.02)
-    """With orbit.mean_motion but no orbit.eccentricity: largest undeclared eccentricity, which is estimated; 0: a
+    """With orbit.mean_motion but no orbit.eccentricity: largest eccentricity, which is estimated; 0: a
     circle."""
 
 
@@ -304,7 +304,7 @@ class Gravity(Disturbance):
 
     words: ClassVar = {
         GRAVITY: Words(
-            remedy='an undeclared orbit: set orbit.mean_motion, or orbit.undeclared_rate to 0',
+            remedy='an orbit: set orbit.mean_motion, or orbit.undeclared_rate to 0',
             deviation=lambda _, value: (
                 f'a gravity gradient acts as at {orbit_rate(value):.2g} rad/s: set orbit.mean_motion'
             ),
@@ -344,7 +344,7 @@ class Gravity(Disturbance):
             )
             return Reason(orbit_fixed_frame(around.mean_motion), 'contradiction', 0.5 * square, repair)
         repair = Repair(
-            f'the frame of the odometry may turn with an undeclared orbit at {1e3 * rate:.2g} mrad/s',
+            f'the frame of the odometry may turn with an orbit that is not set, at {1e3 * rate:.2g} mrad/s',
             {'odometry.turning_std': widened(rate)},
             value=rate,
             unit='rad/s',

@@ -32,7 +32,7 @@ _NEAR = 200_000_000  # ns: of poses further apart it is the motion that shows
 _LONGEST = 40  # suspicious poses in a row: more are no outliers, and nothing waits for longer
 _REMEMBERED = 5_000  # readings at most, among which copies are looked for
 _LATEST = 64  # misfits, whose lower quartile determines the scale of the next
-_UNDERSTATED = 10.0  # times as large as declared noise may be, as long as there are too few
+_UNDERSTATED = 10.0  # times as large as specified noise may be, as long as there are too few
 # A quarter of the vectors of three independent numbers of unit variance are shorter, and of single numbers smaller.
 _QUARTILE_OF_THREE, QUARTILE_OF_ONE = 1.10, 0.319
 Stream = TypeVar('Stream', BaseStream, JointStream, ImuStream)

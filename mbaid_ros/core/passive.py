@@ -24,7 +24,7 @@ FREQUENCY, DAMPING, SWING, DISTURBANCE = 'frequency', 'damping', 'swing', 'distu
 # one minimum within a few deviations. Times 1/(rate ratio) that a swing keeps its phase.
 _RESOLVED, _COHERENT = 0.35, 3.0
 _SLOWEST = 1e-3  # damping ratio, as which less counts: the amplitudes' time constant is finite
-_FAR = 3.0  # standard deviations of its declaration, beyond which a frequency is another thing's
+_FAR = 3.0  # standard deviations of its specified value, beyond which a frequency is another thing's
 _NEW_JOINT = (
     'add to the URDF <joint name="panel" type="revolute"> with origin, axis, <parent link="base_link"/> and '
     '<child link="panel"/>, a link with its inertial, and '
@@ -57,7 +57,7 @@ class FlexibleConfig:
     """Passive joints."""
 
     joints: tuple[str, ...] = parameter(())
-    """Joints of the URDF that a spring holds and no JointState reports: panels, booms, propellant, an elastic grasp."""
+    """Joints of the URDF on a spring, which no JointState reports: panels, booms, propellant, an elastic grasp."""
     each: Mapping[str, Mapping[str, float]] = by_name(PassiveJointConfig, 'joint')
 
     def passive(self, joint_names: tuple[str, ...]) -> dict[str, PassiveJointConfig]:
@@ -297,7 +297,7 @@ def soft_grasp_warnings(kernel: MomentumKernel) -> list[str]:
     names = kernel.model.joint_names
     return [
         f'{names[joint]} is passive and carries the target: encoder noise drives its swing, so its frequency and '
-        'damping stay as declared'
+        'damping stay as set'
         for joint, carries in zip(kernel.springs.joints, joints_carrying_target(kernel), strict=True)
         if carries
     ]

@@ -21,11 +21,11 @@ from mbaid_ros.core.samples import BaseStream, JointStream, Stamps
 
 Setting = bool | float | str | tuple[float, ...] | tuple[str, ...]  # the value of a parameter
 PoseMeaning = Literal['as read', 'inverse', 'turned round', 'w first', 'mirrored x', 'mirrored y', 'mirrored z']
-_MARGIN = 1.5  # times the size found, that a declared standard deviation is at least
-_STEPS = np.array([1.0, 2.0, 5.0, 10.0])  # of declared standard deviations in a decade: round numbers
+_MARGIN = 1.5  # times the size found, that a specified standard deviation is at least
+_STEPS = np.array([1.0, 2.0, 5.0, 10.0])  # of specified standard deviations in a decade: round numbers
 # Share of the leading gain, and log-likelihood, within which another cause is as likely.
 _RIVAL_SHARE, _RIVAL_GAIN = 0.02, 10.0
-# rad, deviation from which a wider prior is no repair: columns of small angles do not hold, another fault is likely.
+# rad, deviation from which a wider prior is no repair: columns of small angles are wrong, another fault is likely.
 _LARGEST_ANGLE = 0.5
 _MOST_RIVALS = 3  # causes of one repair: if more of them are as likely, nothing is known of the cause
 

@@ -33,7 +33,7 @@ _ANGLE, _LENGTH = 1e-3, 1e-2  # rad, m: typical pose errors, which only scale
 _OPEN_ANGLE, OPEN_LENGTH = 1e-2, 0.1  # rad, m: standard deviations of the first pose error: no prior, in effect
 _OPEN = 30.0  # typical sizes: standard deviation of momentum and body: no prior, in effect
 _FORCE = 1e-3  # typical momenta: standard deviation of a constant force (N) and torque (N m), far above a leak's
-_NEAR_MASS = 0.1  # relative standard deviation of a mass that is held
+_NEAR_MASS = 0.1  # relative standard deviation of a mass that is nearly fixed
 
 
 @dataclass(frozen=True, eq=False)

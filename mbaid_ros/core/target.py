@@ -30,7 +30,7 @@ from mbaid_ros.parameters import parameter
 # Relative standard deviation from which a mass may be zero, at two standard deviations.
 _MASS_MAY_VANISH = 0.5
 _KNOWN = 0.1  # relative standard deviation of a mass, up to which its centre of mass can be compared
-_STILL_A_LINK = 0.5  # times its described mass, that a link has at least: what it holds makes it no lighter
+_STILL_A_LINK = 0.5  # times its described mass, that a link has at least: a captured body makes it no lighter
 _NO_MOMENTUM = 1e-9  # N s, of a frame that nothing locates: it moves with the common centre of mass
 NOT_A_POSE = 'the pose of the target is no pose'
 OTHER_FRAME = 'the pose of the target is in another frame'
@@ -38,7 +38,7 @@ _UNUSED = 'the run goes on without the poses of the target'
 _LONGEST, _MOST = 120.0, 3000  # s, poses: older ones, or more, add little
 _REMEMBERED = 20_000  # poses
 _SHARP_CENTRE, _SHARP_RATIOS = 0.1, 0.1  # m, 1: standard deviations above which the motion leaves them open
-# Times the noise, from which inverted poses are tried, and those are not of a free body: by the noise as declared, and
+# Times the noise, from which inverted poses are tried, and those are not of a free body: by the noise as specified, and
 # as neighbouring poses have it, which errors that last exceed.
 _DOUBTFUL, _NOT_FREE, _NOT_FREE_BY_DIFFERENCES = 1.5, 2.5, 5.0
 _FOR_SURE = 0.6  # of that, which inverted poses must leave to be named
@@ -56,7 +56,7 @@ _GUESSED_RADIUS, _LARGEST_RADIUS = 0.7, 2.5
 
 @dataclass(frozen=True)
 class TargetPriorConfig:
-    """The prior of the target link with everything it holds."""
+    """The prior of the target link with the captured body."""
 
     mass: float = parameter(0.0, 'kg', minimum=0.0)
     """Mass of the target link, if known."""
@@ -83,7 +83,7 @@ class DebrisConfig:
 
     report: bool = parameter(default=False)
     """Also report the captured body alone: the estimate minus the target link's <inertial>, which known_links.<link>
-    then declares, as in calibrate. It needs all ten numbers: on a table, use a separate link for the body."""
+    then describes, as in calibrate. It needs all ten numbers: on a table, use a separate link for the body."""
 
 
 def changed_by(text: str, mass: float | None, centre: Array) -> str:
@@ -205,7 +205,7 @@ def other_targets(kernel: MomentumKernel) -> Iterator[Convention]:
     last = {link.body: link for link in kernel.model.links if link.parameters[0] > 0.0}
     for body, link in last.items() if len(kernel.unknown) == 1 else ():
         if body != kernel.target.body:
-            found = f'the unknown body seems to be held by {link.name}, not {kernel.target.name}'
+            found = f'the unknown body seems to be attached to {link.name}, not {kernel.target.name}'
             yield Convention(
                 f'{found}: set target_link: {link.name}',
                 kernel.with_unknown_link(link.name),

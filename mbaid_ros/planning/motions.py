@@ -97,7 +97,7 @@ class Motions:
         if self.holding[joint] >= 1.0:
             name = self.posterior.layout.kernel.model.independent_joints[joint]
             raise ParameterError(
-                f"to hold joint '{name}' while the base tumbles takes {self.holding[joint]:.3g} times its effort limit "
+                f"joint '{name}' at rest while the base tumbles needs {self.holding[joint]:.3g} times its effort limit "
                 "in the robot description; accepted: a larger one there, or 'plan.stuck' with the joint"
             )
 

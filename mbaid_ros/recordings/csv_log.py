@@ -212,7 +212,7 @@ class _Reading:
             raise ParameterError(f'{where} is {shown(value)}; accepted: the name of a column, or its number from 0 on')
         values = self.table.values[:, place]
         if np.all(np.isnan(values)):
-            raise DataError(f"column {value!r} of log '{self.table.path}', which is {where}, holds no number")
+            raise DataError(f"column {value!r} of log '{self.table.path}', which is {where}, contains no number")
         return values
 
 

@@ -62,7 +62,7 @@ def write_recording(recording: Recording, path: Path) -> int:
         load_model(recording.robot)
     messages = _in_order(recording)
     if not messages:
-        raise DataError('the log holds no joint states and no poses in the time asked for')
+        raise DataError('the log contains no joint states and no poses in the time asked for')
     with BagWriter(path) as bag:
         if recording.robot:
             bag.add_topic(DESCRIPTION, 'std_msgs/msg/String', latched=True)

@@ -121,7 +121,7 @@ def read_spot_2023(path: Path) -> Recording:
         parameters=resource('spot_2023.yaml'),
         notes=(
             'thrust is the commanded one, turned into axes of the base',
-            'the body to be captured is nowhere held firmly: there is no truth.json',
+            'the body to be captured is nowhere attached firmly: there is no truth.json',
         ),
         span=_SPAN_2023,
     )

@@ -112,7 +112,7 @@ def _calibrate_parser() -> ArgumentParser:
     parser = ArgumentParser(
         'calibrate',
         'Calibrate bodies, joints and odometry mount of a free-floating robot from motions with an empty hand. The\n'
-        'URDF is the start; known_links.*, known_joints.* and odometry_mount.* declare how well it is known.\n'
+        'URDF is the start; known_links.*, known_joints.* and odometry_mount.* specify how well it is known.\n'
         'Exit code: 0 calibrated, 2 bad input, 3 the data do not determine the bodies, 4 the data contradict the\n'
         'model: no --output is written.',
         'ros2 run mbaid_ros calibrate before --model robot.urdf --params calibrate.yaml --output calibrated.urdf',

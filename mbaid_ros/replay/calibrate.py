@@ -55,7 +55,7 @@ def calibrate(arguments: argparse.Namespace) -> int:
     motions = [read_motions(bag, config, urdf, inputs) for bag in arguments.bags]
     for motion in motions:
         if not motion.runs:
-            raise DataError(f"bag '{motion.bag}' holds no complete window; {'; '.join(motion.warnings)}")
+            raise DataError(f"bag '{motion.bag}' contains no complete window; {'; '.join(motion.warnings)}")
     calibration = estimate_bodies(kernel, [windows for each in motions for windows in each.runs], settings)
     result = Calibrated(calibration, tuple(motions), kernel, config)
     reason = why_not(result)
@@ -125,7 +125,7 @@ def _link_prior(link: Link, known: KnownLinksConfig) -> Array | None:
         return link_deviations(link.parameters, known, known.links[link.name]).factor(link.parameters)
     if known.relative_std == 0.0:
         raise ParameterError(
-            f"parameter 'known_links.relative_std' is 0, and declares {link.name} exact; accepted: above 0, or "
+            f"parameter 'known_links.relative_std' is 0, which makes {link.name} exact; accepted: above 0, or "
             f'known_links.{link.name}, or a link left out of --unknown'
         )
     return relative_factor(link.parameters, known.relative_std)

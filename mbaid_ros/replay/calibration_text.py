@@ -70,7 +70,7 @@ def why_not(result: Calibrated) -> str:
     """Return why there is no calibration, and the remedy; empty if there is one."""
     calibration = result.calibration
     if not calibration.converged:
-        remedy = result.unmoved or 'correct its large errors, or declare priors as wide as they are'
+        remedy = result.unmoved or 'correct its large errors, or set standard deviations as large as they are'
         model = 'the data contradict the model: ' if result.unsolvable else ''
         return f'{model}the iteration does not converge near the robot description; {remedy}'
     left_open = [

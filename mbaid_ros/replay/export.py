@@ -76,7 +76,7 @@ def export(arguments: argparse.Namespace) -> int:
         sys.stdout.write(as_utf8(text))
     else:
         write_text(arguments.output, text)
-        written = f"the body that '{body.link}' holds" if arguments.debris else f"'{body.link}'"
+        written = f"the captured body in '{body.link}'" if arguments.debris else f"'{body.link}'"
         print(one_line(f'{arguments.output}: {written} as {arguments.format}'))
     return 0
 

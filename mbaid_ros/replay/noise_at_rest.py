@@ -115,7 +115,7 @@ def measure(bag: str, joint_states: str, base: str, part: tuple[float, float] = 
             'the base was pushed or tumbles fast, or errors are correlated; the value is too large or not meaningful'
         )
     if math.isnan(stds['joint_position']) and joints.position.size:
-        text = 'no reading of a joint changes: leave noise.joint_position out, or declare the step of the encoder / 3.5'
+        text = 'no reading of a joint changes: leave noise.joint_position out, or set a step of the encoder / 3.5'
         warnings.append(f"bag '{bag}': {text}")
     return MeasuredNoise(stds, tuple(warnings))
 

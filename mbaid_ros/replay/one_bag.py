@@ -50,7 +50,7 @@ def feed(bag: BagReader, inputs: Inputs, add: Callable[[Batch], None], progress:
                 progress(count, total)
     if not count and inputs.sliced:
         until = '' if inputs.end == np.inf else f' until {inputs.end:g} s'
-        raise DataError(f"bag '{bag.path}' holds no messages from {inputs.start:g} s on{until}")
+        raise DataError(f"bag '{bag.path}' contains no messages from {inputs.start:g} s on{until}")
     yield
     if progress:
         progress(total, total)

@@ -38,7 +38,7 @@ def version_of(name: str) -> str:
 
 
 LARGEST_HASHED = 1_000_000_000  # bytes; more would take longer to read twice than a result is worth waiting for
-_DATA = ('.mcap', '.db3')  # files of a bag's folder that hold messages
+_DATA = ('.mcap', '.db3')  # files of a bag's folder with messages
 _BLOCK = 1 << 20
 
 

@@ -26,7 +26,7 @@ TRUTH_FILE = 'truth.json'
 ESTIMATE_TYPE = 'mbaid_msgs/msg/InertiaEstimate'
 _DEBRIS = '/debris'  # end of the name of the topic with the captured body alone
 _DEBRIS_NEEDS = 'accepted: results of a run with debris.report: true that determined all ten parameters'
-_ACCEPTED = 'accepted: a file of replay --json, or a bag that holds estimates'
+_ACCEPTED = 'accepted: a file of replay --json, or a bag with estimates'
 _ACCEPTED_TRUTH = 'accepted: a JSON object with target_link, mass, com and inertia, as simulate writes it'
 
 
@@ -154,7 +154,7 @@ def read_identified(path: str, result: int = 1, topic: str = '', *, alone: bool 
     body = _from_json_file(path, result, alone=alone) if json else _from_bag(path, topic, alone=alone)
     largest = np.max(np.abs(body.parameters), initial=0.0, where=~np.isnan(body.parameters))
     if largest > limits.QUANTITY:
-        raise DataError(f"'{path}' holds a body with {largest:g}; at most {limits.QUANTITY:g} is accepted")
+        raise DataError(f"'{path}' contains a body with {largest:g}; at most {limits.QUANTITY:g} is accepted")
     return body
 
 
@@ -164,12 +164,12 @@ def _from_json_file(path: str, result: int, *, alone: bool) -> Identified:
         raise DataError(f"'{path}' is a calibration, whose URDF calibrate --output writes; {_ACCEPTED}")
     results = content if isinstance(content, list) else [content]
     if not 1 <= result <= len(results):
-        raise DataError(f"'{path}' holds {len(results)} results; result {result} is not among them")
+        raise DataError(f"'{path}' contains {len(results)} results; result {result} is not among them")
     chosen = results[result - 1]
     with usable(path, _ACCEPTED):
         body = chosen['debris'] if alone else chosen
         if body is None:
-            raise DataError(f"'{path}' holds no captured body alone; {_DEBRIS_NEEDS}")
+            raise DataError(f"'{path}' contains no captured body alone; {_DEBRIS_NEEDS}")
         covariance = _covariance(body.get('covariance'), body.get('std'))
         link = str(chosen['target_link'])
         parameters = _ten(body if alone else body['estimate'])
@@ -209,7 +209,7 @@ def _from_bag(path: str, topic: str, *, alone: bool) -> Identified:
             last = message
         notes = tuple(bag.warnings)
     if last is None:
-        raise DataError('; '.join([f"bag '{path}' holds no estimate on {topic}", *notes]))
+        raise DataError('; '.join([f"bag '{path}' contains no estimate on {topic}", *notes]))
     covariance = np.array(last.covariance, dtype=float).reshape(10, 10)
     stamp = last.header.stamp.sec + 1e-9 * last.header.stamp.nanosec
     date = datetime.fromtimestamp(stamp, timezone.utc).isoformat()
@@ -222,14 +222,14 @@ def _chosen_topic(bag: BagReader, path: str, topic: str, *, alone: bool) -> str:
     estimates = [each.name for each in bag.topics.values() if each.type == ESTIMATE_TYPE]
     names = sorted(name for name in estimates if name.endswith(_DEBRIS) == alone)
     if alone and estimates and not names:
-        raise DataError(f"bag '{path}' holds no captured body alone; {_DEBRIS_NEEDS}")
+        raise DataError(f"bag '{path}' contains no captured body alone; {_DEBRIS_NEEDS}")
     if not names:
         raise DataError(
-            f"bag '{path}' holds no estimates ({ESTIMATE_TYPE}); topics: {listing(bag.topics)}; "
+            f"bag '{path}' contains no estimates ({ESTIMATE_TYPE}); topics: {listing(bag.topics)}; "
             'replay it with --json, and export that'
         )
     if topic and topic not in names:
-        raise DataError(f"bag '{path}' holds no estimates on '{topic}'; accepted: {listing(names)}")
+        raise DataError(f"bag '{path}' contains no estimates on '{topic}'; accepted: {listing(names)}")
     if not topic and len(names) > 1:
-        raise DataError(f"bag '{path}' holds estimates on several topics: {listing(names)}; choose one with --topic")
+        raise DataError(f"bag '{path}' contains estimates on several topics: {listing(names)}; choose one with --topic")
     return topic or names[0]

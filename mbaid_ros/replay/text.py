@@ -154,7 +154,7 @@ def _why_none(run: Run) -> str:
         return 'the data end before the capture: capture.time ' + (f'puts it at {time:g} s' if time else 'is not given')
     if run.final.status == 'waiting':
         why = f'; {JOINT_MISSING}: {listing(run.missing_joints)}' if run.missing_joints else ''
-        return f'the data hold no complete window{why}'
+        return f'the data contain no complete window{why}'
     if FIRST_STAGE in run.final.warnings:
         return FIRST_STAGE
     return WITHHELD if run.contradicted else 'the motion does not determine any of its parameters'

@@ -20,7 +20,7 @@ from mbaid_ros.session.model_summary import ModelSummary
 HISTORY_LIMIT = 5_000
 DEFAULT_FRACTION = 0.2  # of a run, that the report predicts from the rest
 LONG_ENOUGH = 59.0  # s: in a fifth of a shorter run there are too few windows for a ratio to within a tenth
-# Times the standard deviation: beyond it the model does not predict, below it the noise is not as large as declared.
+# Times the standard deviation: beyond it the model does not predict, below it the noise is not as large as specified.
 _FAR, _NEAR = 1.5, 0.5
 
 
@@ -55,7 +55,7 @@ class Holdout:
         if self.ratio > _FAR:
             meaning = 'the model does not predict them'
         else:
-            meaning = 'the model predicts them' if self.ratio > _NEAR else 'the noise is smaller than declared'
+            meaning = 'the model predicts them' if self.ratio > _NEAR else 'the noise is smaller than specified'
         return f'{what}: errors {self.ratio:.2f} times their standard deviation (1 is ideal); {meaning}'
 
 
@@ -130,7 +130,7 @@ class Run:
             return ''
         return (
             f'mass and inertia are in proportion to the {self.model_summary.mass:.6g} kg of the robot description: '
-            'weigh the robot, and declare known_links.total_mass'
+            'weigh the robot, and set known_links.total_mass'
         )
 
     @property

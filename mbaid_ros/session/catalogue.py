@@ -74,7 +74,7 @@ from mbaid_ros.core.state import Declared
 from mbaid_ros.core.target import declared_linear_momentum, declared_target, other_targets
 from mbaid_ros.core.wheels import declared_wheels
 
-# Standard deviations of exact declarations, where a contradicted run is tried without them: s, rad or m; of a link.
+# Standard deviations of values set as exact, where a contradicted run is tried without them: s, rad or m; of a link.
 _EXACT, _EXACT_LINK = 2e-5, 1e-4
 
 

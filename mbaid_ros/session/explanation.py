@@ -178,7 +178,7 @@ def _lacking(session: Session) -> str:
     missing = _never_held(session) or session.intake.joint_reader.missing
     if not missing:
         return ''
-    return f'the joint states lack {listing(missing)}; they hold {listing(session.intake.joint_reader.unknown)}'
+    return f'the joint states lack {listing(missing)}; they contain {listing(session.intake.joint_reader.unknown)}'
 
 
 def _slow_joints(session: Session) -> str:

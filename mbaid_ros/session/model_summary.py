@@ -117,7 +117,7 @@ def unmoved_joints(heard: Collection[str], model: RobotModel, wheels: Collection
     if not others:
         return ''
     return (
-        f'joint states hold {listing(others)}, fixed or missing in the robot description: let them move there; '
+        f'joint states contain {listing(others)}, fixed or missing in the robot description: let them move there; '
         'if they are wheels, set wheels.names'
     )
 

@@ -51,8 +51,8 @@ _LEAST_STD = 1e-6  # least standard deviation of a number in its unit: exact bes
 _SAME = 1e-6
 # Warning of a contradicted run in which nothing may deviate.
 EXACT_ROBOT = (
-    'the robot is declared to be exactly its URDF, as only a simulated one is: leave known_links, known_joints and '
-    'odometry_mount at their defaults, or declare its uncertainty'
+    'by its parameters the robot is exactly its URDF, as only a simulated one is: leave known_links, known_joints and '
+    'odometry_mount at their defaults, or set its uncertainty'
 )
 _ACCEPTED = 'accepted: the URDF that calibrate --output wrote with it'
 _PACKAGE, _FILE = 'package://', 'file://'
@@ -219,7 +219,7 @@ def contradicted_mass(config: KnownLinksConfig, kernel: MomentumKernel) -> str:
     target = f', {own:.4g} kg of it in target link {kernel.target.name!r}' if own > 0.0 else ''
     return (
         f'known_links.total_mass is {config.total_mass:.6g} kg, but the robot description has '
-        f'{described + own:.6g} kg{target}: correct the masses; the target link must not contain the held body'
+        f'{described + own:.6g} kg{target}: correct the masses; the target link must not contain the captured body'
     )
 
 

@@ -193,7 +193,7 @@ def test_what_only_the_log_of_a_database_has_is_reported(tmp_path: Path, *, bare
     read, warnings = everything(path)
     assert len(read) == 10
     (warning,) = [each for each in warnings if '-wal' in each]
-    assert warning.startswith(f"'{file}-wal' holds messages not yet written into its bag, and is not read")
+    assert warning.startswith(f"'{file}-wal' contains messages not yet written into its bag, and is not read")
     words = shlex.split(warning.partition(': ')[2])
     assert words[:3] == ['sqlite3', str(file), 'PRAGMA wal_checkpoint(TRUNCATE)']
     with closing(sqlite3.connect(file)) as connection:
@@ -216,7 +216,7 @@ def test_parts_without_messages_are_left_out(tmp_path: Path, ending: str) -> Non
         assert reader.messages == 1
         assert 'a part of bag' in reader.warnings[0]
         assert (
-            f"bag_1{ending}' holds no messages: it was cut off before the first one (and 1 others)"
+            f"bag_1{ending}' contains no messages: it was cut off before the first one (and 1 others)"
             in reader.warnings[0]
         )
 
@@ -275,10 +275,10 @@ def bag_without_messages(folder: Path) -> Path:
         (lambda folder: folder / 'absent', 'does not exist'),
         (lambda folder: folder, 'is not a bag'),
         (written('x.mcap', b'not a bag at all' * 100), 'is not a bag; accepted: a rosbag2 folder'),
-        (written('x.mcap', b''), 'holds no messages: it was cut off'),
+        (written('x.mcap', b''), 'contains no messages: it was cut off'),
         (written('x.txt', b'hello'), 'is not a bag'),
         (other_database, 'is not a bag'),
-        (bag_without_messages, 'holds no messages'),
+        (bag_without_messages, 'contains no messages'),
     ],
 )
 def test_what_is_no_bag_is_said_to_be_none(tmp_path: Path, make: Callable[[Path], Path], text: str) -> None:

@@ -218,7 +218,7 @@ def test_a_bag_cut_off_anywhere_is_read_up_to_the_cut(mcap: Path, tmp_path: Path
     for cut in cuts(len(content)):
         path.write_bytes(content[:cut])
         if cut < 100:
-            with pytest.raises(DataError, match=r'holds no messages|is not a bag'):
+            with pytest.raises(DataError, match=r'contains no messages|is not a bag'):
                 everything(path)
             continue
         try:
@@ -281,9 +281,9 @@ def test_a_bag_that_a_full_disk_ends_can_be_read_up_to_the_last_flush(
     with files_of_at_most(size), pytest.raises(DataError) as error:
         write(path, 3000, at_once)
     said = str(error.value)
-    assert said.startswith(f"bag '{path}' cannot be written: File too large; it holds ")
+    assert said.startswith(f"bag '{path}' cannot be written: File too large; it contains ")
     with BagReader(path) as bag:
-        assert f'it holds {bag.messages} of ' in said
+        assert f'it contains {bag.messages} of ' in said
         assert 'was cut off' in bag.warnings[0]
         read = [message.header.stamp.nanosec // 10_000_000 for _, message, _ in bag.read([TOPIC])]
     assert read == [index % 100 for index in range(bag.messages)]

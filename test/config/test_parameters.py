@@ -181,7 +181,7 @@ def test_numbers_are_read_as_ros_reads_them(tmp_path: Path, text: str, value: ob
         ('- 1\n- 2\n', 'has no section'),
         ('window: 1.0\n', "'window' stands outside a section"),
         ('estimator:\n  window: 1.0\n', "'window' stands outside a section"),
-        ('/**:\n  ros__parameters: 5\n', "must hold 'name: value' pairs"),
+        ('/**:\n  ros__parameters: 5\n', "must have 'name: value' pairs"),
         ('a: [1, 2\nb: }', 'is not YAML'),
         ('x: !!python/object/apply:os.system [ls]', 'is not YAML'),
         ("x: !!int ''", 'is not YAML: tags (!!int) are not supported'),

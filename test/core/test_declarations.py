@@ -213,9 +213,9 @@ def test_a_part_of_an_unknown_has_the_numbers_of_one_cause() -> None:
 @pytest.mark.parametrize(
     ('text', 'words'),
     [
-        (underestimated_text('zero', 3.04), "the joints' zeros look 3.0 times as far off as declared"),
+        (underestimated_text('zero', 3.04), "the joints' zeros look 3.0 times as far off as specified"),
         (underestimated_text('zero:elbow', 25.2), 'the zero of elbow looks 25 times as far off'),
-        (underestimated_text('odometry scale', 96.0), 'scale) look 100 or more times as far off as declared'),
+        (underestimated_text('odometry scale', 96.0), 'scale) look 100 or more times as far off as specified'),
         (underestimated_text('zero', 9.4), 'raise known_joints.zero_std'),
         (deviation_text('link:arm', np.array([-2.0, 0.1, 0.2, 0.3, *[0.0] * 6])), 'it looks 2 kg lighter'),
         (deviation_text('link:arm', np.array([2.0, 0.1, 0.2, 0.3, *[0.0] * 6])), 'it looks 2 kg heavier'),

@@ -105,7 +105,7 @@ def levels(declared: float, estimated: float, *, used: bool = False, contradicte
             'base position: your noise value, 0.001 m, is 4 times too large: 0.00025 m in the data; the data are used',
         ),
         (levels(1e-3, np.nan), ''),
-        (levels(np.nan, 2e-3), 'no noise is declared for base position (0.002 m): estimated from the data'),
+        (levels(np.nan, 2e-3), 'no noise is set for base position (0.002 m): estimated from the data'),
     ],
 )
 def test_what_differs_from_the_declared_noise_is_listed(found: NoiseLevels, text: str) -> None:
@@ -116,8 +116,8 @@ def test_a_declared_level_that_is_replaced_is_warned_of() -> None:
     assert levels(1e-3, 2e-3).warnings == []
     assert levels(1e-3, 2e-3).as_declared
     wrong = levels(1e-3, 2e-3, used=True, contradicted=True)
-    text = 'the declared noise of the odometry is wrong: base position 2 times too small: 0.002 m is used, not 0.001'
+    text = 'the noise set for the odometry is wrong: base position 2 times too small: 0.002 m is used, not 0.001'
     assert wrong.warnings == [text]
     assert not wrong.as_declared
-    assert wrong.rows()[2] == ('base position', 'm', '0.002 found, 0.001 declared')
-    assert levels(1e-3, 2e-3).rows()[2] == ('base position', 'm', '0.001 declared, 0.002 found')
+    assert wrong.rows()[2] == ('base position', 'm', '0.002 estimated, 0.001 set')
+    assert levels(1e-3, 2e-3).rows()[2] == ('base position', 'm', '0.001 set, 0.002 estimated')

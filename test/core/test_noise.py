@@ -194,7 +194,7 @@ def test_undeclared_noise_is_estimated_until_a_message_declares_it() -> None:
     assert np.isnan(first.declared).tolist() == undeclared.tolist()
     assert later.used.tolist() == [True, False, False, False, True, False]
     assert later.declared[2:4] == pytest.approx(DECLARED[2:4])
-    assert first.differences()[-1].startswith('no noise is declared for joint position (0.0002')
+    assert first.differences()[-1].startswith('no noise is set for joint position (0.0002')
 
 
 @pytest.mark.parametrize(('spacing', 'times'), [(0.05, 100.0), (0.5, 1.0)])

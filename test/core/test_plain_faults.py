@@ -67,7 +67,7 @@ def test_wrong_values_in_place_of_readings_are_no_second_source(pieces: int) -> 
     position[12::25] = 0.0
     estimate = found(position, pieces)
     assert estimate.status == 'estimating'
-    assert estimate.warnings[0].startswith('joint states hold wrong values now and then, joint')
+    assert estimate.warnings[0].startswith('joint states contain wrong values now and then, joint')
 
 
 def test_a_joint_that_rests_at_the_turn_of_its_wrapped_angle_is_no_second_source() -> None:

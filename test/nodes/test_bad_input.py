@@ -160,7 +160,7 @@ def test_messages_that_cannot_be_used(talk: Talk) -> None:
     for change in (misplace, spoil_pose, undo_rotation):
         talk.send(odometry=change)
     causes = [
-        'joints that other messages hold, too',
+        'joints that are also in other messages',
         "child_frame_id is 'gripper_base'; accepted: 'base_link'",
         'names and values differ in number',
         'NaN or infinite value',

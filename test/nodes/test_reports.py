@@ -122,11 +122,11 @@ def test_the_noise_that_counts_is_reported_first() -> None:
         used=np.array([False, True, False, False, True, False]),
     )
     reported = dict(estimate_report(RunState(estimate=estimate(noise=levels)))[2])
-    assert reported['noise of joint position (rad)'] == '0.0001 declared, 0.0002 found'
-    assert reported['noise of joint velocity (rad/s)'] == '0.001 found'
-    assert reported['noise of base position (m)'] == '0.001 declared'
+    assert reported['noise of joint position (rad)'] == '0.0001 set, 0.0002 estimated'
+    assert reported['noise of joint velocity (rad/s)'] == '0.001 estimated'
+    assert reported['noise of base position (m)'] == '0.001 set'
     assert reported['noise of base orientation (rad)'] == '0.0001 assumed'
-    assert reported['noise of base linear velocity (m/s)'] == '0.001 found, 0.001 declared'
+    assert reported['noise of base linear velocity (m/s)'] == '0.001 estimated, 0.001 set'
 
 
 def test_a_wait_is_logged_once_for_each_reason(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -275,6 +275,6 @@ def test_joints_that_cannot_be_held_are_named(identified: Begun) -> None:
     weak = planner(identified, duration=6.0)
     weak.motions.efforts.limits[2] = 1e-4
     del weak.motions.__dict__['holding']
-    with pytest.raises(ParameterError, match="to hold joint 'joint3' while the base tumbles takes"):
+    with pytest.raises(ParameterError, match="joint 'joint3' at rest while the base tumbles needs"):
         weak.motions.require_hold()
     assert planner(identified, duration=6.0, stuck=('joint3',)).motions.holding[2] == 0.0

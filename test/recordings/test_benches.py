@@ -176,4 +176,4 @@ def test_a_table_of_another_width_is_one_line(tmp_path: Path, capsys: pytest.Cap
     assert 'has 3 columns; accepted: 80 or 81' in refused(capsys, 'spot-2023', str(log))
     log.write_text(','.join(['0'] * 80))
     bag = ['--output', str(tmp_path / 'bag')]
-    assert 'holds no joint states and no poses' in refused(capsys, 'spot-2023', str(log), *bag)
+    assert 'contains no joint states and no poses' in refused(capsys, 'spot-2023', str(log), *bag)

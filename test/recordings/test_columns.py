@@ -130,7 +130,7 @@ BASE = 'base: {position: [x, y], heading: yaw}\n'
     [
         ('', 'accepted: separator, header, time, base, joints, thrust, gyros, poses with values'),
         (BASE, "lacks 'time'"),
-        (TIME, 'the log holds no joint states and no poses'),
+        (TIME, 'the log contains no joint states and no poses'),
         (f'{TIME}arm: 1', "has 'arm'; accepted: separator, header"),
         (f'separator: ab\n{TIME}', 'accepted: one character'),
         (f'header: 1\n{TIME}', "'header' of column mapping"),

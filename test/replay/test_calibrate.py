@@ -147,7 +147,7 @@ def test_data_that_contradict_the_model_end_with_4_and_no_urdf(
     run(place, '--model', str(tmp_path / 'fixed.urdf'), '--params', str(tmp_path / 'exact.yaml'), *outputs, code=4)
     shown = capsys.readouterr().out
     assert 'so the values of 8 bodies must not be trusted' in shown.split('\n\n')[1].splitlines()[0]
-    assert 'likely cause: joint states hold joint7, fixed or missing in the robot description' in shown
+    assert 'likely cause: joint states contain joint7, fixed or missing in the robot description' in shown
     assert json.loads(files['json'].read_text())['status'] == 'inconsistent'
     assert '<p class="verdict wrong">the data contradict the model' in files['html'].read_text()
     assert not files['urdf'].exists()
@@ -159,7 +159,7 @@ def test_data_that_contradict_the_model_end_with_4_and_no_urdf(
         ('known_links.moon.com_std: 0.1', [], "link 'moon' is not in the robot description"),
         ('prior.com_std: 0.1', [], "unknown parameter 'prior.com_std'"),
         ('', ['--unknown', 'link3', 'link3'], '--unknown names link3 twice; accepted: each link once'),
-        ('known_links.relative_std: 0.0', [], "'known_links.relative_std' is 0, and declares base_link exact"),
+        ('known_links.relative_std: 0.0', [], "'known_links.relative_std' is 0, which makes base_link exact"),
         ('', ['-p', 'known_links.total_mass:=400.0'], 'are 400 kg and 0 kg; accepted: both above 0, or none'),
         ('', ['--unknown', 'link9'], "link 'link9' is not in the robot description; links: base_link, link1"),
         ('', ['--output', '.'], "--output '.' cannot be written"),

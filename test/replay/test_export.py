@@ -229,20 +229,20 @@ def of_two_estimators(folder: Path) -> str:
 def test_of_several_estimators_one_has_to_be_chosen(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     bag = of_two_estimators(tmp_path)
     error = exported(capsys, bag, code=2)
-    assert 'holds estimates on several topics: /left/estimate, /right/estimate; choose one with --topic' in error
+    assert 'contains estimates on several topics: /left/estimate, /right/estimate; choose one with --topic' in error
     left = exported(capsys, bag, '--topic', '/left/estimate', '--format', 'mjcf')
     assert left == exported(capsys, written(tmp_path), '--format', 'mjcf')
     right = exported(capsys, bag, '--topic', '/right/estimate', '--format', 'mjcf')
     assert right == exported(capsys, written(tmp_path, estimate(parameters=0.5 * BODY)), '--format', 'mjcf')
     error = exported(capsys, bag, '--topic', '/estimate', code=2)
-    assert "holds no estimates on '/estimate'; accepted: /left/estimate, /right/estimate" in error
+    assert "contains no estimates on '/estimate'; accepted: /left/estimate, /right/estimate" in error
 
 
 def test_one_of_several_results(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     file = tmp_path / 'results.json'
     file.write_text(json.dumps([as_json(run(target_link=name)) for name in ('a', 'b')]), encoding='utf-8')
     assert '<link name="b">' in exported(capsys, str(file), '--result', '2')
-    assert 'holds 2 results' in exported(capsys, str(file), '--result', '3', code=2)
+    assert 'contains 2 results' in exported(capsys, str(file), '--result', '3', code=2)
 
 
 def test_what_is_not_determined_ends_with_3_or_is_filled(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ def test_a_part_of_a_bag_is_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('words', 'text'),
     [
-        (('--start', '100'), 'holds no messages from 100 s on'),
+        (('--start', '100'), 'contains no messages from 100 s on'),
         (('--start', '10', '--end', '5'), '--start 10 and --end 5 leave nothing; accepted: an end after the start'),
         (('--start', '-1'), "'-1' is not accepted; accepted: a number >= 0 s"),
     ],

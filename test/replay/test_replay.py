@@ -271,7 +271,7 @@ def test_joints_of_another_robot_end_with_3_and_the_names(capsys: pytest.Capture
     assert any('joint' in warning for warning in result['warnings'])
     assert main([bag, '--model', str(CONFIG / 'servicer7.urdf')]) == 3
     verdict = capsys.readouterr().out.split('\n\n')[1].splitlines()[0]
-    assert verdict.endswith('the data hold no complete window; joint missing: joint5, joint6, joint7')
+    assert verdict.endswith('the data contain no complete window; joint missing: joint5, joint6, joint7')
 
 
 @pytest.mark.parametrize(

@@ -160,7 +160,7 @@ def test_the_ratio_is_that_of_the_last_part_under_the_hypothesis_that_predicts_i
     found = some(holdout_of(history(late), 0.2))
     assert found.ratio == pytest.approx(late)
     assert found.begin == 48.0
-    words = 'does not predict' if late > 1.0 else 'smaller than declared' if late < 1.0 else 'the model predicts'
+    words = 'does not predict' if late > 1.0 else 'smaller than specified' if late < 1.0 else 'the model predicts'
     assert words in found.sentence
 
 

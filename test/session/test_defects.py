@@ -129,7 +129,7 @@ def test_odometry_of_a_navigation_filter_is_as_uncertain_as_reported(constant: f
         noise = some(last.noise)
         assert noise.correlation_time > 0.7 * constant
         assert noise.twist_correlation_time > 0.7 * constant
-        wrong = any('the declared noise of the odometry is wrong: base position' in text for text in last.warnings)
+        wrong = any('the noise set for the odometry is wrong: base position' in text for text in last.warnings)
         assert wrong or 0.5 < declared < 2.0
         within.append(np.abs(last.parameters - truth) / last.std)
     assert np.all(np.concatenate(within) < 5.0)
@@ -185,7 +185,7 @@ def test_undeclared_noise_is_estimated() -> None:
     assert noise.used.all()
     assert np.isnan(noise.declared).all()
     assert noise.estimated == pytest.approx([1e-4, 1e-3, 1e-3, 1e-4, 1e-3, 1e-4], rel=0.12)
-    assert noise.differences()[-1].startswith('no noise is declared for joint position (')
+    assert noise.differences()[-1].startswith('no noise is set for joint position (')
     assert np.all(np.abs(last.std / undisturbed().std - 1.0) < 0.15)
     # Of one sensor it is declared, five times too large: that one counts as declared.
     declared = estimates(ROBOT, silent, {'noise.base_position': 5e-3, 'noise.trust_declared': True})[0][-1]
@@ -215,7 +215,7 @@ def test_slow_odometry_that_is_declared_ten_times_too_precise_contradicts_nothin
     messages = changed(ODOMETRY, precise)(arrivals(ROBOT, SECONDS, 2, odometry_times=np.arange(0.0, SECONDS, 0.1)))
     last = estimates(ROBOT, messages)[0][-1]
     assert last.status in {'estimating', 'converged'}
-    assert any('the declared noise of the odometry is wrong: base position' in text for text in last.warnings)
+    assert any('the noise set for the odometry is wrong: base position' in text for text in last.warnings)
     truth = physical(robot(ROBOT).link(robot(ROBOT).last_link).parameters)
     assert np.all(np.abs(last.parameters - truth) < 5.0 * last.std)
 

@@ -258,13 +258,13 @@ def test_a_robot_description_is_read_in_its_encoding(codec: str, tmp_path: Path)
 @pytest.mark.parametrize(
     ('content', 'text'),
     [
-        (b'<robot name="\xfc"/>', 'is not text in UTF-8, and declares no other encoding; save it in UTF-8'),
-        (b'<?xml version="1.0" encoding="gb2312"?><robot name="\xff"/>', 'is not text in GB2312, as it declares'),
+        (b'<robot name="\xfc"/>', 'is not text in UTF-8, and states no other encoding; save it in UTF-8'),
+        (b'<?xml version="1.0" encoding="gb2312"?><robot name="\xff"/>', 'is not text in GB2312, as it states'),
         (
             b'<?xml version="1.0" encoding="zlib_codec"?><robot/>',
-            "declares the encoding 'zlib_codec', which is not known",
+            "states the encoding 'zlib_codec', which is not known",
         ),
-        (b'<?xml version="1.0" encoding="klingon"?><robot/>', "declares the encoding 'klingon', which is not known"),
+        (b'<?xml version="1.0" encoding="klingon"?><robot/>', "states the encoding 'klingon', which is not known"),
     ],
 )
 def test_an_encoding_that_does_not_fit_is_one_line(content: bytes, text: str, tmp_path: Path) -> None:

@@ -256,7 +256,7 @@ def test_a_contradicted_run_doubts_an_exact_robot_and_suspects_unknown_names(
     assert (EXACT_ROBOT in last.warnings) is exact
     (first, _), (second, gain) = last.causes
     assert first == 'first'
-    assert second.startswith('joint states hold wheel, fixed or missing in the robot description')
+    assert second.startswith('joint states contain wheel, fixed or missing in the robot description')
     assert gain == 9.0
 
 

@@ -61,7 +61,7 @@ NEVER_FINITE = 'is NaN or infinite in 200 of 200 messages: look'
             NOT_FINITE,
             f'position of the base {NEVER_FINITE}',
         ),
-        (NAMELESS, JOINT_MISSING, 'they hold a, b, c, d, e, f'),
+        (NAMELESS, JOINT_MISSING, 'they contain a, b, c, d, e, f'),
     ],
 )
 def test_unusable_messages_are_reported(spoil: Defect, cause: str, sentence: str) -> None:
@@ -125,7 +125,7 @@ def test_half_of_the_joints_alone_are_waited_with() -> None:
     result, session = estimates(ROBOT, half)
     assert result == []
     assert obstacles(session) == [
-        'joint missing: the joint states lack joint5, joint6, joint7; they hold joint1, joint2, joint3, joint4'
+        'joint missing: the joint states lack joint5, joint6, joint7; they contain joint1, joint2, joint3, joint4'
     ]
     assert missing_joints(session) == ('joint5', 'joint6', 'joint7')
 

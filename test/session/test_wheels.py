@@ -82,7 +82,7 @@ def test_without_their_parameters_they_are_no_quiet_error(publish: str) -> None:
     last = feed(spinning(publish=publish)[1], into)[-1]
     assert last.status == 'inconsistent'
     # The cause names the parameter where the joint states hold speeds that nothing reads.
-    named = any('joint states hold rw1' in cause and 'wheels.names' in cause for cause, _ in last.causes[:2])
+    named = any('joint states contain rw1' in cause and 'wheels.names' in cause for cause, _ in last.causes[:2])
     assert named == (publish == 'joint_states')
     warned = any(NOT_ASKED_FOR in warning for warning in intake_warnings(into))
     assert warned == (publish == 'stored_momentum')

@@ -128,7 +128,7 @@ def ranked(
     ----------
     gains : by text the gain of each, and whether it has a mechanism
     innovations : of a pass in which nothing explains anything
-    joint_noise : how many times as noisy as declared the joints are by their samples
+    joint_noise : how many times as noisy as specified the joints are by their samples
     repairs : by text, how a run takes each into account
     """
     how = repairs or {}
@@ -142,7 +142,7 @@ def ranked(
             f'the noise values are too small: noise.joint_position {joint_noise:.1f} times; correct it, or set '
             'noise.estimate'
         )
-        repair = Repair(f'the joints are {joint_noise:.1f} times as noisy as declared', FOUND_NOISE, value=joint_noise)
+        repair = Repair(f'the joints are {joint_noise:.1f} times as noisy as specified', FOUND_NOISE, value=joint_noise)
         causes.append(Cause(text, 0.5 * float(innovations.count @ (ratio - 1.0 - np.log(ratio))), repair))
     return tuple(sorted(causes, key=lambda cause: -cause.gain))
 

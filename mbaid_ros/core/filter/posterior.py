@@ -23,10 +23,10 @@ from mbaid_ros.core.samples import FEWEST, Samples, SensorNoise, with_rates
 from mbaid_ros.core.state import BODY, BODY_PLACES, LINEAR, MOMENTUM, Declared, Layout, Point, Variables
 from mbaid_ros.core.windows import WindowNoise, window_noises
 
-# Prior probability that a kind is declared too certain, and the posterior below which that counts for nothing; the same
+# Prior probability that a kind is set too certain, and the posterior below which that counts for nothing; the same
 # of a single thing (of many right ones, one looks mistaken by chance), and of a part of one: a link's mass.
 _KIND, _THING, _PART = (0.05, 0.05), (0.01, 0.2), (0.05, 0.1)
-_SURE = 0.9  # probability that something is further off than declared, from which that is reported
+_SURE = 0.9  # probability that something is further off than specified, from which that is reported
 # Of a standard deviation, which a cause is tried with: the likelihood is flat enough for steps of three.
 _FACTORS = (3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 # Times that from which a factor is the rarer, and by which power: of a number that the data hardly observe all factors

@@ -208,7 +208,7 @@ def swing_size(windows: Sequence[Window], times: float) -> float:
 
 
 def joint_noise_factor(windows: Sequence[Samples], declared: float) -> float:
-    """Return how many times as noisy as declared, rad, the joints are by their samples; NaN where not known."""
+    """Return how many times as noisy as specified, rad, the joints are by their samples; NaN where not known."""
     found = [white_noise(window.joint_position, 4) for window in windows if len(window) >= _FEWEST_SAMPLES]
     return float(np.median(found)) / declared if np.size(found) else np.nan
 
@@ -425,7 +425,7 @@ CHECKS: Mapping[str, Check] = {
         'note',
         _SOURCES,
         lambda view: view.spikes[1],
-        'joint states hold wrong values now and then, {name} by {by:.2g} {unit}, which are left out: look at the '
+        'joint states contain wrong values now and then, {name} by {by:.2g} {unit}, which are left out: look at the '
         'driver',
     ),
     'held': Check(

@@ -56,7 +56,7 @@ class JointDeviations(_Zero):
 @dataclass(frozen=True)
 class _Tracking:
     tracking_std: float = parameter(0.0, 'rad', minimum=0.0)
-    """Standard deviation of the tracking error of every joint, for joint states that hold commands: true minus
+    """Standard deviation of the tracking error of every joint, for joint states that are commands: true minus
     commanded position, a Gauss-Markov process of 2 s; m for a prismatic joint; 0: none."""
 
 

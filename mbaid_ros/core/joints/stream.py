@@ -38,7 +38,7 @@ _TRUSTED = 0.5  # share of the steps compared so far, in which they agree
 NO_PARTNER = 'no message with the other joints around the stamp'
 PARTNER_GAP = 'gap in the messages with the other joints'
 OFTEN = 'more often than the messages with the other joints'
-REDUNDANT = 'joints that other messages hold, too'
+REDUNDANT = 'joints that are also in other messages'
 # Standard deviations that a part changes by from one message to the next while it rests: a message of joints at rest
 # may serve several times, as nothing of it is interpolated.
 _STILL = 6.0

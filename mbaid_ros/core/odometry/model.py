@@ -74,7 +74,7 @@ class OdometryConfig:
 
     turning_std: float = parameter(0.0, 'rad/s', minimum=0.0, maximum=0.01)
     """Standard deviation of the angular velocity of the odometry's frame about each axis, as of one that turns with an
-    orbit which orbit.* do not declare; 0: it does not turn."""
+    orbit that orbit.* do not describe; 0: it does not turn."""
     scale_std: float = parameter(0.001, minimum=0.0, maximum=0.1)
     """Relative standard deviation of the odometry's length scale, as from motion capture; a bar of known length
     gives .0002, a stereo camera has .01; 0: exact."""

@@ -42,7 +42,7 @@ from mbaid_ros.core.samples import (
     stamps_of,
 )
 
-# Variances that a sensor may declare, SI units: none is as small or large, and products keep their digits.
+# Variances that a sensor may report, SI units: none is as small or large, and products keep their digits.
 _SMALLEST, _LARGEST = 1e-24, 1e12
 POSE = (
     Channels(

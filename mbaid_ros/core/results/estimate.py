@@ -20,7 +20,7 @@ from mbaid_ros.core.repair import Repair
 # Mass, centre of mass (link frame), inertia about it (link axes).
 PARAMETERS = ('mass', 'com_x', 'com_y', 'com_z', 'ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 UNITS = ('kg', 'm', 'm', 'm', *('kg m^2',) * 6)
-BAND = 1.96  # standard deviations either side that hold 95 % of a Gaussian
+BAND = 1.96  # standard deviations either side that contain 95 % of a Gaussian
 _DIGITS = 2  # of a standard deviation: more would claim to know how well it is known
 _MOST_DECIMALS = 7  # written out: more of them, or a number from 1e7 on whose ones are not known, are a power of ten
 SENSOR_NOISE = 'sensor noise'
@@ -28,7 +28,7 @@ MAIN_CAUSES = 'main causes of the variance'  # the heading of `ErrorBudget.main_
 UNOBSERVABLE = 'unobservable with this motion'  # the heading of `ErrorBudget.unobservable`
 GROUPS = {'mass': slice(0, 1), 'centre of mass': slice(1, 4), 'inertia': slice(4, 10)}
 _MOST = 0.5  # share from which one cause is named: it alone limits the precision
-_RESTS, _NAMED = 0.1, 5  # share from which an unobservable declaration is named; how many of them
+_RESTS, _NAMED = 0.1, 5  # share from which an unobservable standard deviation is named; how many of them
 _SHORT = {'zero': 'zero of {}', 'origin': 'origin of {}', 'axis': 'axis of {}', 'link': 'link {}'}
 # Where the parameters would be published if the data did not contradict the model.
 WITHHELD = 'the data contradict the model so strongly that no parameter can be published'
@@ -377,7 +377,7 @@ class PassiveJoint:
         """Return it with 95 % intervals."""
         return (
             f'{self.joint} swings at {self.frequency:.5g} ± {BAND * self.frequency_std:.2g} Hz with a damping ratio of '
-            f'{self.damping:.2g} ± {BAND * self.damping_std:.1g}{"" if self.resolved else " (as declared)"}'
+            f'{self.damping:.2g} ± {BAND * self.damping_std:.1g}{"" if self.resolved else " (as set)"}'
         ) + ('' if np.isnan(self.deflection) else f', by up to {self.deflection:.2g} rad (m)')
 
 

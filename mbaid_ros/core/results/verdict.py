@@ -25,13 +25,13 @@ from mbaid_ros.core.robot.body import (
 from mbaid_ros.core.robot.model import Plane
 
 Severity = Literal['note', 'contradiction', 'conflict']
-# Parameters with which the noise found in the readings takes the place of the declared one.
+# Parameters with which the noise found in the readings takes the place of the specified one.
 FOUND_NOISE: Mapping[str, Setting] = {'noise.estimate': True}
 # Mean normalised innovation squared, of all or of one sensor, from which the model is wrong, the run not just unlucky.
 LARGEST_NIS = 1.5
 # Correlation of neighbouring windows from which the noise is not white enough for the intervals.
 _LARGEST_CORRELATION = 0.25
-# A declaration is wrong where the data see a thing farther off than chance allows, both as declared and at twice that;
+# A standard deviation is wrong if the data see a thing farther off than chance allows, as specified and at twice that;
 # from the third chance on it is a cause, if anything is wrong.
 _NEVER, _NOT_TWICE, _RARELY = 1e-7, 1e-4, 1e-5
 # Standard deviations of an estimate from the nearest real body, of none from the first, with a warning from the second.
@@ -56,7 +56,7 @@ _SECOND = np.array([4, 7, 9, 7, 9, 9])
 # grows and shrinks with it: of runs that know it to half of itself, those that err downwards look the surest.
 _OF_THE_MASS = 0.2
 IDENTIFIABLE_STD = 0.5  # relative standard deviation below which a parameter counts as identifiable
-LARGEST_RESIDUAL = 2.0  # times the noise: noise that is declared half as large as it is, or a wrong model
+LARGEST_RESIDUAL = 2.0  # times the noise: noise that is specified half as large as it is, or a wrong model
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,7 @@ def judge(evidence: Evidence) -> Verdict:
             f'{evidence.jumps} jumps of the momentum'
         )
     elif np.any((innovations.ratio > LARGEST_NIS) & (innovations.ratio_significance > SIGNIFICANT)):
-        reasons.append('the noise of a sensor is not as declared')
+        reasons.append('the noise of a sensor is not as specified')
     if evidence.unconfirmed:
         times = ', '.join(f'{time:.1f}' for time in evidence.unconfirmed)
         reasons.append(f'the momentum seems to jump at {times} s: the next windows show whether it was an impulse')
@@ -218,13 +218,13 @@ def judge(evidence: Evidence) -> Verdict:
         reasons.append(f'{evidence.hypothesis}: a random walk fits any data, so do not trust the numbers')
     what, gain = evidence.instead
     if evidence.hypothesis and evidence.physical and gain > evidence.gain:
-        reasons.append(f'{evidence.hypothesis}, or {what} is declared too precisely: so far the data agree with either')
+        reasons.append(f'{evidence.hypothesis}, or {what} is set too precisely: so far the data agree with either')
     correlated = (innovations.correlation > _LARGEST_CORRELATION) & (innovations.correlation_significance > SIGNIFICANT)
     if np.any(correlated):
         reasons.append('the innovations of neighbouring windows are correlated: the intervals would be too narrow')
     far = [what for what, distance in evidence.distances.items() if _too_far(distance)]
     if far:
-        reasons.append(f'the robot deviates from its description by more than declared: {", ".join(far)}')
+        reasons.append(f'the robot deviates from its description by more than specified: {", ".join(far)}')
     return Verdict(not reasons, tuple(reasons), _causes(evidence), widening(innovations, evidence.nis))
 
 
@@ -262,7 +262,7 @@ def _causes(evidence: Evidence) -> tuple[Cause, ...]:
     """Return the candidate causes, the likeliest first."""
     causes = [
         Cause(
-            f'{what} is further off than declared: check it, or raise its standard deviation',
+            f'{what} is further off than specified: check it, or raise its standard deviation',
             0.5 * distance.square,
             evidence.repairs.get(what),
         )

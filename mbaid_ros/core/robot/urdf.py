@@ -53,7 +53,7 @@ def parse_document(text: str) -> ET.Element:
     if len(text) > limits.URDF_CHARACTERS:
         refuse(f'robot description of {len(text)} characters; at most {limits.URDF_CHARACTERS} are accepted')
     if '<!DOCTYPE' in text or '<!ENTITY' in text:
-        refuse('the robot description holds a DOCTYPE or ENTITY declaration; plain URDF is accepted')
+        refuse('the robot description contains a DOCTYPE or ENTITY declaration; plain URDF is accepted')
     try:
         robot = tree_of(text)
     except (ET.ParseError, UnicodeEncodeError) as error:

@@ -96,7 +96,7 @@ class CampaignFolder:
         self._path = path
         path.mkdir(parents=True, exist_ok=True)
         if not (path / CAMPAIGN).exists() and not all(map(_is_left_by_a_kill, path.iterdir())):
-            raise ParameterError(f"--output '{path}' holds something else; accepted: a new folder, or a campaign's")
+            raise ParameterError(f"--output '{path}' contains something else; accepted: a new folder, or a campaign's")
         self._file = (path / RUNS).open('a+b')
         try:
             self._lock()
@@ -150,7 +150,7 @@ class CampaignFolder:
         difference = _difference(before, json.loads(text), '')
         if difference:
             raise ParameterError(
-                f"--output '{self._path}' holds another campaign: {difference}; accepted: the same one to go on with, "
+                f"--output '{self._path}' has another campaign: {difference}; accepted: the same one to go on with, "
                 'or another folder'
             )
 

@@ -19,7 +19,7 @@ from mbaid_ros.replay.json_output import plain, shaped, shaped_std
 Result = dict[str, Any]
 FAILED = 'failed'  # status of a run without a result
 BAND = 0.95
-QUANTILE = float(ndtri(0.5 * (1.0 + BAND)))  # standard deviations either side that hold 95 %
+QUANTILE = float(ndtri(0.5 * (1.0 + BAND)))  # standard deviations either side that contain 95 %
 _REASONS = 5  # failed runs that the text names
 
 

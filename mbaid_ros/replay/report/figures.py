@@ -131,7 +131,7 @@ def _residual(axis: Axes, time: Array, residual: Array, run: Run) -> None:
         always.append(LARGEST_RESIDUAL)
     scale(axis, residual, always=always)
     axis.set_ylim(bottom=0.0)
-    entitle(axis, 'Residual [\N{GREEK SMALL LETTER SIGMA}]: 1 means noise as declared')
+    entitle(axis, 'Residual [\N{GREEK SMALL LETTER SIGMA}]: 1 means noise as specified')
     _mark_events(axis, run)
 
 

@@ -116,8 +116,8 @@ def _sentences(budget: ErrorBudget, std: Array) -> list[str]:
         sentences.append(f'{names[0].upper()}{names[1:]}: {shares} of the variance is due to {remedy_text(cause)}.')
     if unobservable := budget.unobservable():
         sentences.append(
-            f'Unobservable with this motion: {unobservable}. The intervals are valid if these are as declared; no '
-            'residual shows a wrong declaration.'
+            f'Unobservable with this motion: {unobservable}. The intervals are valid if these are as specified; no '
+            'residual shows whether they are.'
         )
     left = budget.left_of_std(_TIMES)
     little = [name for name, share in zip(PARAMETERS, left, strict=True) if share >= _LITTLE]
@@ -142,7 +142,7 @@ def noise(levels: NoiseLevels | None) -> str:
         (name.replace('_', ' '), *('' if math.isnan(each) else f'{each:.2g}' for each in pair), unit)
         for name, *pair, unit in zip(CHANNELS, levels.declared, levels.estimated, CHANNEL_UNITS, strict=True)
     ]
-    head = ('sensor', 'declared', 'estimated', 'unit')
+    head = ('sensor', 'set', 'estimated', 'unit')
     return '<h3>Noise of a reading</h3>' + table(head, rows) + listed(levels.differences())
 
 

@@ -126,7 +126,7 @@ def test_the_link_that_holds_the_body_fits_best(declared: str) -> None:
     empty = re.sub('mass value="162"', 'mass value="9"', re.sub(r'(i..)="[^"]*"', r'\1="0"', link[0]))
     empty = re.sub('ixx="0"(.*?)iyy="0"(.*?)izz="0"', r'ixx="1"\1iyy="1"\2izz="1"', empty)
     robot = MomentumKernel(load_model(text.replace(link[0], empty)), declared)
-    assert likeliest(robot, measured()).startswith(f'the unknown body seems to be held by link7, not {declared}')
+    assert likeliest(robot, measured()).startswith(f'the unknown body seems to be attached to link7, not {declared}')
 
 
 READINGS: dict[str, Callable[[Array, Array, Array], tuple[Array, Array]]] = {
@@ -260,13 +260,13 @@ ARM = tuple(f'link{index}' for index in range(1, 7))
 
 def test_a_link_in_grams_is_no_link_that_holds_the_body() -> None:
     robot, windows = grams(1e3, 'link3'), half_second_windows(measured())
-    held = mistaken(robot, 'the unknown body seems to be held by link3')
+    held = mistaken(robot, 'the unknown body seems to be attached to link3')
     assert not fitted(windows, held, 4).exists  # the link would be lighter with the body than without
     unit = mistaken(robot, 'link link3 is 1000 times as heavy')
     assert fitted(windows, unit, 4).exists
     assert unit.repair is not None
     assert unit.repair.conversion == Conversion(masses={'link3': 1e-3})
-    assert fitted(windows, mistaken(grams(1.0), 'the unknown body seems to be held by link3'), 4).exists
+    assert fitted(windows, mistaken(grams(1.0), 'the unknown body seems to be attached to link3'), 4).exists
 
 
 def test_another_target_link_is_set_by_its_parameter() -> None:

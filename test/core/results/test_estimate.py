@@ -46,7 +46,7 @@ def test_a_passive_joint_is_as_declared_where_the_data_do_not_resolve_it() -> No
     assert (other.damping, other.damping_std) == pytest.approx((0.02, 0.006))
     assert (found.deflection, found.swing, other.swing) == (0.3, (-0.1, 0.25), (-0.2, 0.35))
     assert '1.5 ± 0.029 Hz with a damping ratio of 0.013 ± 0.002, by up to 0.3 rad' in str(found)
-    assert '(as declared)' in str(other)
+    assert '(as set)' in str(other)
     assert 'by up to' not in str(replace(found, deflection=np.nan))
 
 

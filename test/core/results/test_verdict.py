@@ -141,10 +141,10 @@ def test_a_correlation_by_chance_widens_nothing() -> None:
         ({'jumps': 4}, 'innovations 1.0 times the noise, 4 jumps'),
         ({'unconfirmed': (2.0, 3.5)}, 'seems to jump at 2.0, 3.5 s'),
         ({'hypothesis': 'drift', 'physical': False}, 'drift: a random walk fits any data'),
-        ({'hypothesis': 'leak', 'gain': 20.0, 'instead': ('link a', 30.0)}, 'leak, or link a is declared too'),
+        ({'hypothesis': 'leak', 'gain': 20.0, 'instead': ('link a', 30.0)}, 'leak, or link a is set too'),
         ({'hypothesis': 'leak', 'gain': 30.0, 'instead': ('link a', 20.0)}, ''),
         ({'instead': ('link a', 20.0)}, ''),
-        ({'distances': {'link a': Distance(60.0, 50.0, 3)}}, 'more than declared: link a'),
+        ({'distances': {'link a': Distance(60.0, 50.0, 3)}}, 'more than specified: link a'),
         ({'distances': {'link a': Distance(60.0, 15.0, 3)}}, ''),  # likely if twice as far off
         ({'distances': {'link a': Distance(30.0, 29.0, 3)}}, ''),  # once in a million
         ({'distances': {'link a': Distance(60.0, 50.0, 0)}}, ''),
@@ -160,7 +160,7 @@ def test_each_evidence_has_its_reason(changes: dict[str, object], reason: str) -
 @pytest.mark.parametrize(
     ('ratio', 'correlation', 'count', 'reason'),
     [
-        (2.0, 0.0, 500.0, 'the noise of a sensor is not as declared'),
+        (2.0, 0.0, 500.0, 'the noise of a sensor is not as specified'),
         (2.0, 0.0, 20.0, ''),  # 5.5 standard deviations of sixty numbers
         (1.3, 0.0, 500.0, ''),  # certain, and too little to matter
         (1.0, 0.3, 500.0, 'the innovations of neighbouring windows are correlated'),
@@ -194,7 +194,7 @@ def test_a_noisier_sensor_is_a_cause_that_gains_what_its_variance_explains() -> 
     series[3::4] *= -1.0
     found = followed(series)
     verdict = judged(found)
-    assert verdict.reasons == ('the noise of a sensor is not as declared',)
+    assert verdict.reasons == ('the noise of a sensor is not as specified',)
     (cause,) = verdict.causes
     assert cause.text == 'noise.base_position is 2.0 times too small, or the model is wrong'
     # Of n numbers with four times the variance: n / 2 (4 - 1 - log 4).
