@@ -2,7 +2,7 @@
 """Put plausible mistakes into the core, one at a time, and print those that no test notices.
 
 The mistakes are drawn by a seed: a sign, a factor, a comparison, an index off by one, a guard or a term left out, min
-for max, `and` for `or`. Each is made in a copy of the project, where the tests run that execute the changed line, the
+for max, `and` for `or`. Each is made in a process of its own, where the tests run that execute the changed line, the
 fastest first, as many as take --limit seconds together. A mistake after which they take a multiple of that counts as
 noticed. --record runs the whole suite once, and keeps which test executes what in build/mutants; after a change of the
 core it is due again, after new tests with their files only. mutmut and cosmic-ray make every mutant: days of work.
@@ -11,25 +11,21 @@ core it is due again, after new tests with their files only. mutmut and cosmic-r
 import argparse
 import os
 import random
-import resource
-import shutil
-import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from contextlib import redirect_stdout
+from dataclasses import dataclass
 from pathlib import Path
-from queue import SimpleQueue
 
+import pytest
 from tqdm import tqdm
 
 from mutations.changes import Mutant, mutants_of
 from mutations.executed import Executed, record
+from mutations.trial import Trials
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORDS = ROOT / 'build' / 'mutants'
-_COPIED = ('bags', 'config', 'docs', 'mbaid_ros', 'msg_defs', 'scripts', 'test', 'wheel_msgs')
 
 
 @dataclass(frozen=True)
@@ -38,74 +34,6 @@ class Outcome:
 
     mutant: Mutant
     noticed_by: str  # the first test that fails, 'time' if none ends, empty if all pass
-    tests: int  # how many were run at most
-
-
-class Copies:
-    """Copies of the project, one for each process that runs tests."""
-
-    def __init__(self, folder: Path, count: int, limit: float) -> None:
-        self._free: SimpleQueue[Path] = SimpleQueue()
-        self._seconds = 60 + 3 * round(limit)
-        self._changes = 0
-        for number in range(count):
-            copy = folder / str(number)
-            for name in _COPIED:
-                shutil.copytree(ROOT / name, copy / name, symlinks=True)
-            for path in (path for path in ROOT.iterdir() if path.is_file()):
-                shutil.copy2(path, copy)
-            (copy / 'install').symlink_to(ROOT / 'install')
-            self._free.put(copy)
-
-    def outcome(self, mutant: Mutant, tests: Sequence[str]) -> Outcome:
-        """Return the fate of a mutant in some tests."""
-        if not tests:
-            return Outcome(mutant, '', 0)
-        copy = self._free.get()
-        path = copy / mutant.path
-        before = path.read_text(encoding='utf-8')
-        try:
-            self._write(path, mutant.applied(before))
-            return Outcome(mutant, self.failure(copy, tests), len(tests))
-        finally:
-            self._write(path, before)
-            self._free.put(copy)
-
-    def unchanged_failures(self, tests: Sequence[str]) -> set[str]:
-        """Return which of some tests fail without any mutant."""
-        copy = self._free.get()
-        found, left = set(), sorted({each for each in tests if '::' in each})
-        while left and (test := self.failure(copy, left)):
-            found.add(test)
-            left = [each for each in left if each != test]
-        self._free.put(copy)
-        return found
-
-    def _write(self, path: Path, text: str) -> None:
-        """Write a file under a time that none of its versions has had: Python compiles it anew by that."""
-        path.write_text(text, encoding='utf-8')
-        self._changes += 2
-        os.utime(path, (2e9 + self._changes,) * 2)
-
-    def failure(self, copy: Path, tests: Sequence[str]) -> str:
-        """Return the first test that fails in a copy, or 'time'; empty if all pass."""
-        command = [sys.executable, '-m', 'pytest', '-q', '-x', '-n', '0', '--tb=no', '-p', 'no:cacheprovider', *tests]
-        paths = os.pathsep.join([str(copy), *filter(None, [os.environ.get('PYTHONPATH')])])
-        done = subprocess.run(
-            command,
-            cwd=copy,
-            env=os.environ | {'PYTHONPATH': paths, 'OPENBLAS_NUM_THREADS': '1'},
-            capture_output=True,
-            text=True,
-            check=False,
-            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (self._seconds, self._seconds + 5)),
-        )
-        if done.returncode in {0, 5}:  # all pass, or only long tests are there
-            return ''
-        if done.returncode < 0:
-            return 'time'
-        failed = [line.split(' - ')[0].split(maxsplit=1) for line in done.stdout.splitlines()]
-        return next((words[1] for words in failed if words and words[0] in {'FAILED', 'ERROR'}), 'pytest')
 
 
 def drawn(folder: Path, count: int, seed: int) -> list[Mutant]:
@@ -128,19 +56,26 @@ def run(mutants: Sequence[Mutant], executed: Executed, limit: float, processes: 
     A test that fails without any mutant notices none.
     """
     tests = [executed.tests_of(each.path, each.line, limit) for each in mutants]
-    outcomes = []
-    with tempfile.TemporaryDirectory() as name, ThreadPoolExecutor(processes) as pool:
-        copies = Copies(Path(name), processes, limit)
-        found = pool.map(copies.outcome, mutants, tests)
-        for each in tqdm(found, total=len(mutants), unit=' mutant', disable=None):
-            outcomes.append(each)
-            if not each.noticed_by:
-                tqdm.write(f'not noticed by {each.tests} tests: {each.mutant}')
-                sys.stdout.flush()
-        failing = copies.unchanged_failures([each.noticed_by for each in outcomes])
-    for test in sorted(failing):
+    output, noticed = sys.stdout, [''] * len(mutants)
+    with (
+        tqdm(total=len(mutants), unit=' mutant', disable=None) as bar,
+        Path(os.devnull).open('w', encoding='utf-8') as silence,
+        redirect_stdout(silence),
+    ):
+
+        def report(place: int, noticed_by: str) -> None:
+            noticed[place] = noticed_by
+            bar.update()
+            if not noticed_by:
+                tqdm.write(f'not noticed by {len(tests[place])} tests: {mutants[place]}', output)
+                output.flush()
+
+        trials = Trials(ROOT, [*zip(mutants, tests, strict=True)], report, processes, seconds=60 + 3 * round(limit))
+        files = sorted({test.partition('::')[0] for part in tests for test in part})
+        pytest.main(['-q', '-s', '-n', '0', '-p', 'no:cacheprovider', f'--rootdir={ROOT}', *files], plugins=[trials])
+    for test in sorted(trials.failing):
         print(f'fails without a mutant, too, and notices none: {test}')
-    return [replace(each, noticed_by='') if each.noticed_by in failing else each for each in outcomes]
+    return [Outcome(mutant, '' if by in trials.failing else by) for mutant, by in zip(mutants, noticed, strict=True)]
 
 
 def summary(outcomes: Sequence[Outcome]) -> Iterator[str]:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import ast
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -135,25 +138,75 @@ def test_fails():
 """
 
 
-def test_the_tests_of_a_line_are_those_that_execute_it(tmp_path: Path) -> None:
-    """By themselves or by a fixture, then others of the file; none that fails."""
-    path = Path('mbaid_ros/core/numbers.py')
-    for name, text in {str(path): CORE, 'mbaid_ros/__init__.py': '', 'test/test_numbers.py': TESTS}.items():
+NUMBERS = Path('mbaid_ros/core/numbers.py')
+
+
+@pytest.fixture
+def project(tmp_path: Path) -> Path:
+    """Return the folder of a project with a module and its tests."""
+    for name, text in {str(NUMBERS): CORE, 'mbaid_ros/__init__.py': '', 'test/test_numbers.py': TESTS}.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(text)
     (tmp_path / 'pyproject.toml').write_text('[tool.pytest.ini_options]\npythonpath = ["."]\n')
-    record(tmp_path, tmp_path / 'records', [], 0)
-    executed = Executed(tmp_path, tmp_path / 'records')
+    return tmp_path
+
+
+def test_the_tests_of_a_line_are_those_that_execute_it(project: Path) -> None:
+    """By themselves or by a fixture, then others of the file; none that fails."""
+    record(project, project / 'records', [], 0)
+    executed = Executed(project, project / 'records')
 
     def tests(line: int, limit: float = 60.0) -> list[str]:
-        return [test.partition('::test_')[2] for test in executed.tests_of(path, line, limit)]
+        return [test.partition('::test_')[2] for test in executed.tests_of(NUMBERS, line, limit)]
 
-    assert executed.unexecuted(path) == [17]
+    assert executed.unexecuted(NUMBERS) == [17]
     assert set(tests(7)) == {'first', 'second', 'third', 'fourth'}
     assert set(tests(7, limit=0.055)) == {'first', 'second'}
     assert tests(13, limit=1e-3) == ['third']
     assert len(tests(2)) == 4
     assert not tests(17)
-    (tmp_path / path).write_text(CORE + '\n')
+    (project / NUMBERS).write_text(CORE + '\n')
     with pytest.raises(SystemExit, match='--record'):
         tests(7)
+
+
+TRIALS = """
+import sys
+from pathlib import Path
+
+import pytest
+
+from mutations.changes import mutants_of
+from mutations.trial import Trials
+
+root, path = Path(sys.argv[1]), Path(sys.argv[2])
+mutants = [*mutants_of(path, (root / path).read_text())]
+tests = [f'test/test_numbers.py::test_{name}' for name in ('second', 'third', 'fails')]
+found = {}
+tried = [(each, tests[:2]) for each in mutants] + [(mutants[0], tests)]
+trials = Trials(root, tried, found.__setitem__, 2, seconds=60)
+pytest.main(['-q', '-n', '0', '-p', 'no:cacheprovider', f'--rootdir={root}', 'test/test_numbers.py'], plugins=[trials])
+for place, noticed in sorted(found.items()):
+    print('::', tried[place][0].text, noticed.partition('::test_')[2])
+print('::', *trials.failing)
+"""
+
+
+def test_a_mutant_is_noticed_by_the_first_test_that_fails_with_it(project: Path) -> None:
+    """Code in a function is changed in place, that of the module compiled anew; tests that fail anyway are known."""
+    command = [sys.executable, '-c', TRIALS, str(project), str(NUMBERS)]
+    paths = os.pathsep.join([str(ROOT / 'scripts'), os.environ.get('PYTHONPATH', '')])
+    done = subprocess.run(
+        command, cwd=project, env=os.environ | {'PYTHONPATH': paths}, capture_output=True, text=True, check=True
+    )
+    assert [line for line in done.stdout.splitlines() if line.startswith('::')] == [
+        ':: (2.0) ',
+        ':: (3.0) ',
+        ':: (2.0) second',
+        ':: (value) second',
+        ':: (0.5) third',
+        ':: (value) third',
+        ':: (value) ',
+        ':: (2.0) fails',
+        ':: test/test_numbers.py::test_fails',
+    ]
