@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left, insort
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,6 +13,7 @@ import numpy as np
 
 from mbaid_ros.core.contracts import CLEAR, Convention, Linear, Motion, NominalModel, Unknown, Words, converted
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.noise import white_noise
 from mbaid_ros.core.outliers import REPEATED
 from mbaid_ros.core.repair import Conversion, Repair, wider_prior
 from mbaid_ros.core.results.estimate import with_band
@@ -44,6 +45,10 @@ _GAP = 5.0  # usual intervals that make a gap
 _STEADY, _MISSING = 0.2, 0.3  # part by which the speed changes over a gap, and of its motion that is there at most
 _PLAIN = 50.0  # standard deviations that a gap's motion should be at least
 _AROUND = 6  # readings that a step is looked at with, before and after
+# Readings of a block, whose rate and scatter are compared; blocks, at most and at least; least correlation of the two;
+# times the rest, that the scatter by the rate is at least; s of jitter, of which less is common.
+_BLOCK, _BLOCKS, _ENOUGH, _ALONG, _MOSTLY, _JITTER = 60, 200, 12, 0.7, 4.0, 1e-3
+_COARSE = 0.1  # share of readings that repeat: the scatter of coarse encoders grows with the rate as well
 OFFSET, CLOCK = 'time offset', 'clock drift'
 _LARGEST_DRIFT = 0.01  # of time_offset.drift_std
 # s, late or early by 50 ms to half a second: less is within the prior of the time offset.
@@ -239,6 +244,11 @@ class StampPattern:
         self._equal, self._whole = 0, True  # stamps that repeat the one before; whether all are whole seconds
         self._stamp: Stamps = np.zeros(0, dtype=np.int64)
         self._position: Array = np.zeros((0, 0))
+        # Readings of the block that is open; by block and column, squared rates and scatter; and whether that is named.
+        self._open: tuple[Stamps, Array] = self._stamp, self._position
+        self._blocks: deque[Array] = deque(maxlen=_BLOCKS)
+        self._repeated = self._number = 0  # readings in blocks that repeat, and all of them
+        self._jitters = False
 
     def add(self, stamp: Stamps, position: Array) -> Iterator[Found]:
         """Add readings (N,), (N, k), in the order of arrival; yield the faults of their stamps."""
@@ -249,6 +259,7 @@ class StampPattern:
         begin = self._count - len(self._stamp)  # number of the first of the readings that are kept
         yield from self._resolution(stamp)
         yield from self._batches(stamp)
+        yield from self._jitter(stamp, position)
         self._stamp = np.concatenate((self._stamp, stamp))
         self._position = np.concatenate((self._position, position))
         interval = np.diff(self._stamp)
@@ -295,6 +306,43 @@ class StampPattern:
                 'arrival, not when they were measured; stamp them in the driver'
             )
             yield f'batches: {self._what}', int(stamp[batched[0]]), text
+
+    def _jitter(self, stamp: Stamps, position: Array) -> Iterator[Found]:
+        """Yield that readings scatter by a time times their rate: they are not those of their stamps."""
+        if self._jitters or not position.shape[1]:
+            return
+        kept = self._open if len(self._open[0]) else (stamp[:0], position[:0])
+        stamp, position = np.concatenate((kept[0], stamp)), np.concatenate((kept[1], position))
+        whole = len(stamp) - len(stamp) % _BLOCK
+        self._open = stamp[whole:], position[whole:]
+        for begin in range(0, whole, _BLOCK):
+            own, time = position[begin : begin + _BLOCK], stamp[begin : begin + _BLOCK]
+            duration = max(1e-9 * float(time[-1] - time[0]), 1e-9)
+            self._blocks.append(np.stack((((own[-1] - own[0]) / duration) ** 2, white_noise(own, 4) ** 2)))
+            self._repeated += int(np.sum(np.diff(own, axis=0) == 0.0))
+            self._number += own.size
+            jitter = self._scatter_in_time()
+            if jitter > _JITTER:
+                self._jitters = True
+                text = (
+                    f'{self._what} scatter by {1e3 * jitter:.2g} ms times their rate: the stamps jitter, or the '
+                    'readings are older than them by chance; stamp each reading when it is measured'
+                )
+                yield f'jitter: {self._what}', int(time[-1]), text
+                return
+
+    def _scatter_in_time(self) -> float:
+        """Return the s by which readings scatter along their motion; 0 where something else makes the scatter."""
+        if len(self._blocks) < _ENOUGH or self._repeated > _COARSE * self._number:
+            return 0.0
+        rate, scatter = np.swapaxes(np.array(self._blocks), 0, 1)
+        away, beyond = rate - np.mean(rate, axis=0), scatter - np.mean(scatter, axis=0)
+        products, squares = float(np.sum(away * beyond)), float(np.sum(away**2))
+        if products <= _ALONG * np.sqrt(squares * np.sum(beyond**2)) or squares == 0.0:
+            return 0.0
+        slope, mean = products / squares, float(np.mean(rate))
+        rest = max(float(np.mean(scatter)) - slope * mean, self._noise**2)
+        return float(np.sqrt(slope)) if slope * mean > _MOSTLY * rest else 0.0
 
     def _step(self, place: int, usual: float) -> Iterator[Found]:
         """Yield that a clock was set between the reading at a place and the next one; `usual` interval in ns."""
@@ -433,11 +481,11 @@ def joints_stamped_late(kernel: MomentumKernel) -> Iterator[Convention]:
             f'the joints are stamped some {how} against the poses: correct the stamps, or raise time_offset.prior_std'
         )
         repair = replace(converted(text, Conversion(delay=delay)), value=delay, unit='s')
-        yield Convention(text, kernel, partial(_stamped, delay=delay), delay=delay, repair=repair)
+        yield Convention(text, kernel, partial(restamped, delay=delay), delay=delay, repair=repair)
 
 
-def _stamped(windows: Sequence[Window], delay: float) -> list[Window]:
-    """Return windows as they are if their joints are stamped late by a delay, s; those that were read by then."""
+def restamped(windows: Sequence[Window], delay: float = 0.0, rate: float = 1.0) -> list[Window]:
+    """Return windows with joints whose stamps are late by a delay, s, and run so fast; those that were read by then."""
     times = [each.start + each.spacing * (np.arange(len(each.knots)) - each.inside.start) for each in windows]
     # Windows share knots with their neighbours.
     every, place = np.unique(np.round(np.concatenate(times), 6), return_index=True)
@@ -447,7 +495,7 @@ def _stamped(windows: Sequence[Window], delay: float) -> list[Window]:
     moved = []
     for each, own in zip(windows, times, strict=True):
         read = np.isfinite(each.knots.joint_position).all(axis=1)
-        then, position = np.round(own + delay, 6), np.full_like(each.knots.joint_position, np.nan)
+        then, position = np.round(rate * own + delay, 6), np.full_like(each.knots.joint_position, np.nan)
         if np.all((then >= every[0]) & (then <= every[-1]) | ~read):
             position[read] = np.column_stack([np.interp(then[read], every, joint) for joint in values.T])
             moved.append(replace(each, knots=replace(each.knots, joint_position=position)))

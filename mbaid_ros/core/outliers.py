@@ -279,7 +279,7 @@ class Flips:
         if self._other is None or _leaps_to(self._other, reading):
             self._since = int(reading.stamp[0])
             self._turn = self._last.rotation[0].T @ reading.rotation[0]
-            vector = log(self._turn)
+            vector = log(self._last.rotation[0].T @ turned.rotation[0])
             angle = float(np.linalg.norm(vector))
             axis = ', '.join(f'{each:.2g}' for each in np.round(vector / angle, 2) + 0.0)
             self.text = f'by {np.degrees(angle):.0f} degrees about ({axis}) in the axes of the base'

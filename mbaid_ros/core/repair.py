@@ -41,6 +41,7 @@ class Conversion:
     columns: Mapping[str, str] = field(default_factory=dict)  # by name, that under which a joint is read
     zeros: Mapping[str, float] = field(default_factory=dict)  # by name, rad or m
     delay: float = 0.0  # s, by which the joints' stamps are late
+    clock: float = 1.0  # s by the joints' stamps in a second of the poses', since the first sample
     pose: PoseMeaning = 'as read'
     mount: tuple[float, ...] = ()  # (6,) rad and m, of the base in what the poses locate
     scale: float = 1.0  # m in a unit of the positions
@@ -75,11 +76,11 @@ class Conversion:
             own = [names[meant[row]] for row in order]
             scale, zero = (np.array([part.get(name, other) for name in own]) for part, other in self._scales)
             position = stream.position - self._jumped(stream, [names[joint] for joint in key])
-            changed = JointStream(
-                stream.stamp - round(1e9 * self.delay),
-                position[:, order] * scale + zero,
-                stream.velocity[:, order] * scale,
-            )
+            stamp, velocity = stream.stamp - round(1e9 * self.delay), stream.velocity[:, order] * scale
+            if self.clock != 1.0:  # velocities may be by either clock
+                stamp = origin + np.round((stamp - origin) / self.clock).astype(np.int64)
+                velocity = np.full_like(velocity, np.nan)
+            changed = JointStream(stamp, position[:, order] * scale + zero, velocity)
             found[tuple(sorted(meant))] = changed[self._kept(changed.stamp - origin)]
         return found
 

@@ -91,8 +91,9 @@ def explain(session: Session, causes: Iterable[str]) -> list[str]:
 def intake_warnings(session: Session) -> list[str]:
     """Return the unused and partly used messages, one line a cause with its remedy, after restarts and obstacles."""
     counts = {'not used': session.dropped, 'partly used': session.replaced}
+    # A gap follows from the poses that are dropped for another reason, about as many.
     found = [
-        (causes[cause], f'{causes[cause]} messages {how}: {text}')
+        (causes[cause] * (0.5 if cause == ODOMETRY_GAP else 1.0), f'{causes[cause]} messages {how}: {text}')
         for how, causes in counts.items()
         for cause, text in zip(sorted(causes), explain(session, causes), strict=True)
     ]

@@ -321,7 +321,8 @@ def test_single_flips_of_a_marker_set_are_left_out(pieces: int) -> None:
 def test_another_orientation_that_lasts_is_turned_back_after_a_gap() -> None:
     time = np.arange(600)
     flipped = (time >= 100) & (time < 350)
-    base, passed_on, _ = without_flips(flipped)
+    base, passed_on, flips = without_flips(flipped)
+    assert 'by 180 degrees about' in flips.text  # the way back as well
     kept = (time < 100) | ((time >= 150) & (time < 350)) | (time >= 400)
     np.testing.assert_array_equal(passed_on.stamp, base.stamp[kept])
     np.testing.assert_allclose(passed_on.rotation, base.rotation[kept], atol=0.01)  # a step of the motion

@@ -94,6 +94,8 @@ def test_joints_of_several_publishers_are_exchanged_between_them() -> None:
 
 def test_late_stamps_are_corrected_and_spoilt_readings_left_out() -> None:
     assert converted(Conversion(delay=0.2)).stamp.tolist() == [-200_000_000, 800_000_000, 1_800_000_000]
+    assert converted(Conversion(clock=0.5)).stamp.tolist() == [0, 2_000_000_000, 4_000_000_000]
+    assert np.isnan(converted(Conversion(clock=0.5)).velocity).all()
     stepped = converted(Conversion(steps=(('wrist', 10**9, 0.5),)))
     np.testing.assert_array_equal(stepped.position[:, 2], joints().position[:, 2] - [0.0, 0.5, 0.5])
     assert converted(Conversion(left_out=((0.5, 1.5),))).stamp.tolist() == [0, 2_000_000_000]

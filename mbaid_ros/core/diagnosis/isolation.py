@@ -11,7 +11,12 @@ import numpy as np
 
 from mbaid_ros.core.contracts import Convention, ConventionFactory, Hypothesis, Unknown, belongs, deviation_text
 from mbaid_ros.core.diagnosis.passes import FITTED, SLIPPING, FilterPasses, Fit, attempted, fitted, point_as_described
-from mbaid_ros.core.diagnosis.readings import mapped_joints, placed_bases, scaled_positions
+from mbaid_ros.core.diagnosis.readings import (
+    joints_by_another_clock,
+    mapped_joints,
+    placed_bases,
+    scaled_positions,
+)
 from mbaid_ros.core.filter.gaussian import SquareRootInformation
 from mbaid_ros.core.filter.hypotheses import LONGEST, HypothesisFilter, WhitenedWindows
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
@@ -436,8 +441,8 @@ class CandidateCauses:
                 yield FITTED // _EVERY
         # What an earlier search has found, if more windows agree; then what is wrong in one number alone is found.
         found += [fit for fit in (fitted(windows, each, _EVERY) for each in self.several) if _agrees(fit, found[0])]
-        searches = placed_bases(kernel, windows, self.declared.marker), scaled_positions(kernel, windows)
-        for search in (*searches, mapped_joints(kernel, windows)):
+        of_poses = placed_bases(kernel, windows, self.declared.marker), scaled_positions(kernel, windows)
+        for search in (joints_by_another_clock(kernel, windows), *of_poses, mapped_joints(kernel, windows)):
             if min(each.misfit for each in found if each.exists or each is found[0]) > _SEVERAL * found[0].misfit:
                 conventions = yield from search
                 self.several.extend(conventions)

@@ -15,7 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mbaid_ros.core.contracts import RIGHT, Convention, PlacedFrame, stacked
+from mbaid_ros.core.clocks import restamped
+from mbaid_ros.core.contracts import RIGHT, Convention, PlacedFrame, converted, stacked
 from mbaid_ros.core.geometry import Array, Flags, Integers, exp, log, skew
 from mbaid_ros.core.joints.model import joint_placements
 from mbaid_ros.core.odometry.faults import AWAY, TURNED, mirrored, mounted_windows, other_frame_text, turned_round
@@ -57,6 +58,9 @@ _UNITS = {1e-3: 'millimetres', 0.01: 'centimetres', 0.0254: 'inches', 0.3048: 'f
 _FEWEST_FOR_SCALE = 40  # windows: a scale by fewer may be off by half
 # Relative, of a scale by many windows and by few: inches are 2.5 centimetres; and of a unit that few windows show.
 _SAME_UNIT, _ROUGHLY, _FAR = 0.15, 0.46, 3.0
+# s, steps of the offset at the end of a run, among which the rate of the joints' clock is looked for: less than a
+# quarter period of a motion; relative, furthest rate; steps at most; and how often the step is halved from there.
+_APART, _FASTEST, _MOST_STEPS, _HALVED = 0.5, 0.25, 30, 8
 # The right-handed axes of a cube, as rotation vectors: from the nearest the search for a mount converges.
 _TURNS = tuple(
     log(np.array(signs)[:, None] * np.eye(3)[list(order)])
@@ -487,6 +491,40 @@ def scaled_positions(kernel: MomentumKernel, windows: Sequence[Window]) -> Work[
     repair = Repair(text.partition(':')[0], None if named else rest, Conversion(scale=scale))
     change = partial(_rescaled, scale=scale)
     return [Convention(text, kernel, change, repair=repair, rest=() if named else (odometry_scale(_SCALE_LEFT),))]
+
+
+def joints_by_another_clock(kernel: MomentumKernel, windows: Sequence[Window]) -> Work[list[Convention]]:
+    """Return the rate of the joints' clock that fits best: simulated beside wall time; empty where theirs does."""
+    if kernel.model.joints < 1 or len(windows) < _FEWEST:
+        return []
+    own, long = [as_read(kernel.model.joints)], max(windows[-1].start + windows[-1].length, 1.0)
+    found: dict[float, float] = {}
+
+    def tried(rate: float) -> Work[None]:
+        left = restamped(windows, rate=rate)
+        if len(left) >= _FEWEST:
+            motion = motion_of(kernel, left, _WINDOWS)
+            found[rate] = float(np.mean(motion.residuals(own) ** 2))
+        yield 1
+
+    step = _APART / long
+    most = min(round(_FASTEST / step), _MOST_STEPS)
+    for number in range(-most, most + 1):
+        yield from tried(1.0 + number * step)
+    for _ in range(_HALVED):
+        step *= 0.5
+        best = min(found, key=lambda each: found[each])
+        yield from tried(best - step)
+        yield from tried(best + step)
+    best = min(found, key=lambda each: found[each])
+    if abs(best - 1.0) * long < _APART:
+        return []  # a drift that is an unknown
+    text = (
+        f'the stamps of the joint states run {best:.3g} times as fast as those of the poses: two clocks, as simulated '
+        'and wall time; stamp both by one clock'
+    )
+    change = partial(restamped, rate=best)
+    return [Convention(text, kernel, change, repair=converted(text, Conversion(clock=best)))]
 
 
 def _rescaled(windows: Sequence[Window], scale: float) -> list[Window]:

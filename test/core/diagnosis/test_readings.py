@@ -10,8 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mbaid_ros.core.clocks import restamped
 from mbaid_ros.core.contracts import Convention
-from mbaid_ros.core.diagnosis.readings import mapped_joints, placed_bases, scaled_positions
+from mbaid_ros.core.diagnosis.readings import (
+    joints_by_another_clock,
+    mapped_joints,
+    placed_bases,
+    scaled_positions,
+)
 from mbaid_ros.core.geometry import Array, exp, mirror, rotation_from_quaternion
 from mbaid_ros.core.windows import Window
 from observed import MID, configured_motion, kernel, observe
@@ -102,6 +108,24 @@ def test_several_wrong_joints_are_named_together_and_undone(read: Callable[[], l
 
 def test_joints_as_they_are_meant_are_not_mapped() -> None:
     assert finished(mapped_joints(kernel('servicer7'), windows())) == []
+
+
+@pytest.mark.parametrize('clock', [0.92, 1.06])
+def test_joints_by_a_clock_of_another_rate_are_named_and_undone(clock: float) -> None:
+    read = restamped(windows(), rate=1.0 / clock)
+    (found,) = finished(joints_by_another_clock(kernel('servicer7'), read))
+    assert f'the stamps of the joint states run {clock:g}' in found.text
+    assert found.repair is not None
+    assert found.repair.conversion is not None
+    assert found.repair.conversion.clock == pytest.approx(clock, abs=2e-3)
+    true = {each.start: each for each in windows()}
+    for undone in found.windows(read):
+        away = undone.knots.joint_position - true[undone.start].knots.joint_position
+        assert np.max(np.abs(away)) < 0.005
+
+
+def test_joints_by_the_clock_of_the_poses_have_no_other_rate() -> None:
+    assert finished(joints_by_another_clock(kernel('servicer7'), windows())) == []
 
 
 def mounted(rotation: Array, position: Array) -> tuple[Array, Array]:

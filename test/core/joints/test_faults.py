@@ -132,6 +132,25 @@ def test_regular_jittering_late_and_missing_messages_are_no_fault(pieces: int) -
 
 
 @pytest.mark.parametrize('pieces', [1, 13, COUNT])
+def test_readings_older_than_their_stamps_by_chance_are_named(pieces: int) -> None:
+    count = 3 * COUNT
+    stamp = REGULAR[0] + SPACING * np.arange(count)
+    late = 1e-9 * SPACING * np.arange(count) - 0.02 * np.random.default_rng(1).random(count)
+    noise = 1e-5 * np.random.default_rng(2).normal(size=(count, 2))
+
+    def read(time: Array) -> Array:
+        return np.column_stack((0.4 * np.sin(0.3 * time), 0.3 * np.cos(0.2 * time)))
+
+    (text,) = found(stamp, pieces, read(late) + noise)
+    # Uniform over 20 ms: a standard deviation of 5.8 ms.
+    assert 4.5 < float(text.split(' by ')[1].split(' ms')[0]) < 7.0
+    # Noise of any size is none, nor steps of a coarse encoder.
+    time = 1e-9 * SPACING * np.arange(count)
+    assert found(stamp, pieces, read(time) + 30.0 * noise) == []
+    assert found(stamp, pieces, 6e-3 * np.round(read(time) / 6e-3)) == []
+
+
+@pytest.mark.parametrize('pieces', [1, 13, COUNT])
 @pytest.mark.parametrize('size', [3, 5, 20])
 def test_batches_are_named(size: int, pieces: int) -> None:
     number = np.arange(COUNT)
