@@ -368,12 +368,15 @@ class PoseSensor:
         axes[~known], at[~known] = base.rotation[~known], base.position[~known]
         by_base = np.tile(np.eye(6), (len(total), 1, 1))
         by_base[:, 3:, :3] = -skew(arms)
-        twist, gain, carried = (by_base @ base.twist[..., None])[..., 0], None, None
+        then = np.sum(share[..., None] * _over_window(place - 0.5, len(course.twist)), axis=0)
+        twist = (by_base @ np.einsum('bm,mbx->bx', then, course.twist)[..., ANGULAR_FIRST, None])[..., 0]
+        gain, carried = None, None
         if self.link is not None:
             carried = Carried(_instants(np.sum(share * place, axis=0), course), self._by_loads(arms))
             joint_twist = course.placed.joint_twist[carried.instants]
             gain = np.einsum('brnx,bnx->brn', carried.by_loads, joint_twist)
-            twist += (gain @ course.around.joint_velocity[inside].mean(axis=0)[..., None])[..., 0]
+            rates = np.einsum('bm,mbn->bn', then, course.around.joint_velocity[inside])
+            twist += (gain @ rates[..., None])[..., 0]
             carried, gain = replace(carried, by_loads=carried.by_loads[:, rows]), gain[:, rows]
         motion = replace(
             base, position=at, rotation=axes, twist=twist, slope=twist[:, rows], rate=np.zeros((len(total), len(rows)))
@@ -470,6 +473,16 @@ def _interpolation(place: Array, count: int) -> Array:
     weights = np.zeros((*place.shape, count))
     np.put_along_axis(weights, first[..., None] + np.arange(_STENCIL), cubic, axis=-1)
     return weights
+
+
+def _over_window(place: Array, count: int) -> Array:
+    """Return the weights (..., m) of a window's m intervals by which the cubic fitted to all of them is at places.
+
+    A sensor of few readings reads where the motion is no longer as in the middle of the window.
+    """
+    middle, order = 0.5 * (count - 1), min(4, count)
+    fit = np.linalg.pinv(np.vander((np.arange(count) - middle) / count, order))
+    return np.asarray((((place - middle) / count)[..., None] ** np.arange(order - 1, -1, -1)) @ fit)
 
 
 def _between(rotation: Array, position: Array, place: Array, weights: Array) -> tuple[Array, Array]:

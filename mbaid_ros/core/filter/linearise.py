@@ -404,7 +404,7 @@ def _rates(
         begin, covariance[:, own, own] = own.stop, each.covariance
         if each.joint_gain is not None:
             joints[:, own] += np.sqrt(stack.joint_variance / stack.samples) * each.joint_gain
-    common, overlap = joints @ np.swapaxes(joints, -1, -2), _joint_overlap(seen, count, course.spacing)
+    common, overlap = joints @ np.swapaxes(joints, -1, -2), _joint_overlap(seen, course)
     covariance += telescoped(count, course.spacing) * (overlap * common if overlap.size else common)
     if noise.common.shape[-1]:
         # It hardly moves a pose within a window.
@@ -469,20 +469,33 @@ def _add_joint_errors(
         expected[..., -1] -= by_unknown @ point.parameters[place.start - first : place.stop - first]
 
 
-def _joint_overlap(seen: Sequence[Observation], count: int, spacing: float) -> Array:
+def _joint_overlap(seen: Sequence[Observation], course: Course) -> Array:
     """Return how much more than two numbers of the twist any two of all r share the joints' noise, (B, r, r).
 
     It is the product of how both depend on the joints at the knots. Nothing, (B, 0, 0), where all are of the twist.
     """
-    windows = len(seen[0].value)
+    windows, count = len(seen[0].value), course.inside.stop - course.inside.start
     if all(each.weights is None for each in seen):
         return np.zeros((windows, 0, 0))
-    of_twist = np.broadcast_to(-np.diff(np.pad(parabolic_weights(count), 1)) / spacing, (windows, count + 1))
-    parts = [of_twist if each.weights is None else each.weights for each in seen]
+    begin = course.stack.windows[0].inside.start
+    spread = course.knots.spread[begin : begin + count + 1].T
+    of_twist = np.broadcast_to(-np.diff(np.pad(parabolic_weights(count), 1)) / course.spacing, (windows, count + 1))
+    parts = [
+        np.pad(of_twist, ((0, 0), (1, 1))) if each.weights is None else _by_means(each.weights, spread) for each in seen
+    ]
     by_knot = np.concatenate(
         [np.repeat(part[:, None], each.value.shape[1], axis=1) for part, each in zip(parts, seen, strict=True)], axis=1
     )
-    return np.asarray(count / telescoped(count, spacing) * (by_knot @ np.swapaxes(by_knot, -1, -2)))
+    return np.asarray(count / telescoped(count, course.spacing) * (by_knot @ np.swapaxes(by_knot, -1, -2)))
+
+
+def _by_means(weights: Array, spread: Array) -> Array:
+    """Return weights (B, m + 1) of values at knots' centres as those of knots' means, of which one more on either side.
+
+    A value at a centre is a mean less half the `spread` (B, m + 1) times the second difference, as of `midpoints`. That
+    cancels in a mean over a window, but a single reading has a fifth more of the joints' noise by it.
+    """
+    return np.asarray(np.pad(weights, ((0, 0), (1, 1))) - 0.5 * np.diff(np.pad(spread * weights, ((0, 0), (2, 2))), 2))
 
 
 def _momentum_change(

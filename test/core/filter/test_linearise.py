@@ -18,13 +18,14 @@ from mbaid_ros.core.geometry import Array, exp, log, rotate
 from mbaid_ros.core.joints.model import joint_gains, joint_placements
 from mbaid_ros.core.links import independent_errors, known_bodies
 from mbaid_ros.core.odometry.model import odometry_scale
+from mbaid_ros.core.poses import NamedPoseConfig, PoseSensor, pose_errors
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.state import LINEAR, POSE, Layout, Point
 from mbaid_ros.core.windows import BEFORE, Knots, midpoints
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, drifting, kernel, observe
-from windowed import JOINT, LENGTH, residuals, window_model, window_of
+from windowed import JOINT, LENGTH, START, residuals, window_model, window_of
 
 SWAP = np.array([3, 4, 5, 0, 1, 2])
 PARAMETERS, DELAY = slice(6, 22), 22  # of a state whose only unknown is the delay, in seconds
@@ -193,6 +194,41 @@ def test_late_joints_leave_nothing_where_the_delay_is_known(robot: Layout, exact
     assert parts[0] > 20.0 * parts[1]
 
 
+TRACKER = 'poses.tracker'
+OF_TRACKER = slice(12, 15)  # of all numbers that a window with a tracker has: pose, twist, orientation
+
+
+@pytest.fixture(scope='module')
+def tracked(robot: Layout) -> Layout:
+    """Return the state with a star tracker, whose only error is a delay in seconds."""
+    config = NamedPoseConfig('orientation', mount_orientation_std=0.0, time_offset_std=1.0)
+    errors = pose_errors('tracker', config, same_world=True)
+    layout = Layout.from_unknowns(robot.kernel, (errors,))
+    return replace(layout, sensors=(PoseSensor(TRACKER, 'orientation', slice(0, 50)),))
+
+
+def with_a_reading(exact: Samples, behind: int) -> Samples:
+    """Return samples with one reading of a star tracker at the window's end, stamped so many samples late."""
+    readings = np.zeros((len(exact), 50))
+    place = int(np.searchsorted(exact.time, START + LENGTH - 1e-6))
+    readings[place, :2] = 1.0, exact.time[place]
+    readings[place, 2:11] = exact.base_rotation[place - behind].ravel()
+    readings[place, 14:] = (4e-10 * np.eye(6)).ravel()
+    return replace(exact, readings=readings)
+
+
+@pytest.mark.parametrize('behind', [0, 1])
+def test_a_late_reading_is_of_the_motion_at_its_own_time(
+    tracked: Layout, exact: Samples, point: Array, behind: int
+) -> None:
+    left = residuals(
+        window_model(tracked, window_of(with_a_reading(exact, behind), 0.05), at(tracked, point)),
+        state(point, delay=0.01 * behind),
+    )[1]
+    # A second order in the delay is left; with the mean motion of the window it would be five times as much.
+    assert left[-3:] == pytest.approx(np.zeros(3), abs=3e-6)
+
+
 class JointNoise:
     """How an error of every joint at every knot moves what a window says: exact, for it is linear."""
 
@@ -212,8 +248,7 @@ class JointNoise:
                 error[knot, joint] = size
                 # What of it the differences integrate to.
                 centre = error - 0.5 * self.window.knots.spread[:, None] * _second(error)
-                whole = centre - _second(centre) / 24.0
-                changed.append(self._left(robot, point, error, gain @ whole[begin]))
+                changed.append(self._left(robot, point, error, gain @ centre[begin]))
             columns.append((changed[0] - changed[1]) / (2.0 * JOINT))
         samples_a_node = self.window.noise.samples * self.window.spacing / LENGTH
         rows = np.stack(columns, axis=1) * JOINT / np.sqrt(samples_a_node)
@@ -224,8 +259,8 @@ class JointNoise:
         assert isinstance(knots, Knots)
         model = window_model(robot, replace(self.window, knots=knots), at(robot, point))
         # The chain begins displaced by what the first knot's error makes of the pose.
-        pose, twist, _ = residuals(model, state(point, first))
-        return np.concatenate((pose, twist))
+        pose, rates, _ = residuals(model, state(point, first))
+        return np.concatenate((pose, rates))
 
 
 def test_covariances_are_those_of_the_joints_noise(robot: Layout, exact: Samples, point: Array) -> None:
@@ -235,6 +270,18 @@ def test_covariances_are_those_of_the_joints_noise(robot: Layout, exact: Samples
         ratio = np.diag(noise.covariance[part, part]) / np.diag(claimed)
         # One gain stands for the window's, and the fourth-order formulas stir the noise a little.
         assert np.all((ratio > 0.8) & (ratio < 1.35))
+
+
+def test_a_single_reading_has_the_joints_noise_of_the_knots_beside_it(
+    tracked: Layout, exact: Samples, point: Array
+) -> None:
+    noise = JointNoise(tracked, with_a_reading(exact, 0), point)
+    still = replace(noise.window, noise=replace(noise.window.noise, joint_position=0.0))
+    own = window_model(tracked, still, at(tracked, point)).rates.covariance[-3:, -3:]
+    claimed = noise.model.rates.covariance[-3:, -3:] - own
+    ratio = np.linalg.eigvals(np.linalg.solve(claimed, noise.covariance[OF_TRACKER, OF_TRACKER])).real
+    # Means sharpened to the knots' centres have a fifth more of it. One gain stands for the window's.
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.06)
 
 
 def test_poses_share_their_noise_with_the_column_of_a_scale(exact: Samples, point: Array) -> None:
