@@ -36,7 +36,7 @@ class PassiveJointConfig:
     """Spring and damper of a single passive joint, which act towards its zero."""
 
     frequency: float = parameter(0.0, 'Hz', minimum=0.0, maximum=1e3)
-    """Natural frequency of this joint with everything else held still (cantilever); required for every joint of
+    """Natural frequency of this joint with everything else fixed (cantilever); required for every joint of
     flexible.joints."""
     frequency_relative_std: float = parameter(0.05, minimum=0.0, maximum=0.5)
     """Relative standard deviation of the natural frequency; 0: exact."""
