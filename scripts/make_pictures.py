@@ -35,6 +35,8 @@ from mbaid_ros.replay.read_back import read_truth
 from mbaid_ros.replay.whole_run import Run
 
 ROOT = Path(__file__).resolve().parents[1]
+# What the commands of pages find in the project's folder; not what they wrote there when a reader followed a page.
+PROJECT = ('bags', 'config', 'docs', 'install', 'mbaid_ros', 'msg_defs', 'package.xml', 'scripts', 'test')
 IMAGES = ROOT / 'docs' / 'images'
 STYLE = ROOT / 'docs' / 'pictures.mplstyle'
 BAG, URDF = ROOT / 'bags' / 'servicer7_mid', ROOT / 'config' / 'servicer7.urdf'
@@ -320,9 +322,8 @@ def report_pictures() -> None:
     path = f'{os.environ["PATH"]}:{ROOT / "scripts"}'
     for each in REPORTS:
         with TemporaryDirectory() as folder:
-            for entry in ROOT.iterdir():
-                if not entry.name.startswith('.'):
-                    (Path(folder) / entry.name).symlink_to(entry)
+            for name in PROJECT:
+                (Path(folder) / name).symlink_to(ROOT / name)
             subprocess.run(['bash', '-ec', each.commands], cwd=folder, env={**os.environ, 'PATH': path}, check=True)
             report = (Path(folder) / each.report).read_text(encoding='utf-8')
         (IMAGES / each.picture).write_text(curves(report), encoding='utf-8')

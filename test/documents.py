@@ -22,6 +22,8 @@ from pathlib import Path
 
 import pytest
 
+from make_pictures import PROJECT
+
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / 'README.md'
 REFERENCE = ROOT / 'docs' / 'reference'
@@ -68,9 +70,8 @@ def project(folder: Path) -> Iterator[Path]:
     if not (ROOT / 'install' / 'setup.bash').is_file():
         pytest.skip('not built in this folder')
     folder.mkdir(parents=True, exist_ok=True)
-    for entry in ROOT.iterdir():
-        if not entry.name.startswith('.'):
-            (folder / entry.name).symlink_to(entry)
+    for name in PROJECT:
+        (folder / name).symlink_to(ROOT / name)
     yield folder
 
 
