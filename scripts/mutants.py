@@ -72,7 +72,9 @@ def run(mutants: Sequence[Mutant], executed: Executed, limit: float, processes: 
 
         trials = Trials(ROOT, [*zip(mutants, tests, strict=True)], report, processes, seconds=60 + 3 * round(limit))
         files = sorted({test.partition('::')[0] for part in tests for test in part})
-        pytest.main(['-q', '-s', '-n', '0', '-p', 'no:cacheprovider', f'--rootdir={ROOT}', *files], plugins=[trials])
+        options = ['-q', '-s', '-n', '0', '-p', 'no:cacheprovider', f'--rootdir={ROOT}']
+        if pytest.main([*options, *files], plugins=[trials]) == pytest.ExitCode.INTERNAL_ERROR:
+            raise SystemExit('pytest ended with an internal error')
     for test in sorted(trials.failing):
         print(f'fails without a mutant, too, and notices none: {test}')
     return [Outcome(mutant, '' if by in trials.failing else by) for mutant, by in zip(mutants, noticed, strict=True)]

@@ -27,6 +27,12 @@ from shared_motions import (  # noqa: E402, F401 - fixtures
     start,
     tumbling,
 )
+from unchanged import unchanged  # noqa: E402, F401 - fixture
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add what writes the estimates that tests compare with anew."""
+    parser.addoption('--write-estimates', action='store_true', help='write the estimates of test/estimates anew')
 
 
 @pytest.fixture

@@ -1,4 +1,7 @@
-"""Which tests execute a line of the core, and how long each takes: a plugin of pytest records it, a class reads it."""
+"""Which tests execute a line of the core, and their time: a plugin of pytest records it, a class reads it.
+
+The time is that of the processor: on a busy machine it stays the same.
+"""
 
 from __future__ import annotations
 
@@ -133,6 +136,8 @@ def _digest(path: Path) -> str:
 # The plugin: it runs where the tests do, and on the process that collects their reports.
 _current = ['']  # contexts, the innermost last
 _item: list[pytest.Item] = []
+_begin: list[float] = []
+_failed: set[str] = set()
 _passed: dict[str, float] = {}
 _kept: dict[str, list[str]] = {}
 _fixture_seconds: dict[str, float] = {}
@@ -149,7 +154,7 @@ def pytest_runtest_protocol(item: pytest.Item) -> Any:
     """Measure each test by its name."""
     definitions = getattr(item, '_fixtureinfo').name2fixturedefs  # noqa: B009 - pytest has no other way to it
     item.user_properties.append(('fixtures', [_name(each[-1]) for each in definitions.values() if _outlives(each[-1])]))
-    _item[:] = [item]
+    _item[:], _begin[:] = [item], [time.process_time()]
     _current[:] = [item.nodeid]
     _switch(item.nodeid)
     try:
@@ -159,34 +164,39 @@ def pytest_runtest_protocol(item: pytest.Item) -> Any:
 
 
 @pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(item: pytest.Item) -> Any:
+    """Note the time of a test."""
+    try:
+        return (yield)
+    finally:
+        item.user_properties.append(('seconds', time.process_time() - _begin[0]))
+
+
+@pytest.hookimpl(wrapper=True)
 def pytest_fixture_setup(fixturedef: Any) -> Any:
     """Measure a fixture of several tests by its own name."""
     if not _outlives(fixturedef):
         return (yield)
     _current.append(_name(fixturedef))
     _switch(_current[-1])
-    start = time.perf_counter()
+    start = time.process_time()
     try:
         return (yield)
     finally:
-        _item[0].user_properties.append(('fixture', [_current.pop(), time.perf_counter() - start]))
+        _item[0].user_properties.append(('fixture', [_current.pop(), time.process_time() - start]))
         _switch(_current[-1])
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
-    """Collect how long tests take that pass, without the fixtures of several tests."""
-    if report.outcome == 'passed':
-        _passed[report.nodeid] = _passed.get(report.nodeid, 0.0) + report.duration
-    else:
-        _passed[report.nodeid] = float('nan')
-    if report.when == 'teardown':
+    """Collect the time of tests that pass, without the fixtures of several tests."""
+    if report.outcome != 'passed':
+        _failed.add(report.nodeid)
+    if report.when == 'teardown' and report.nodeid not in _failed:
         properties: list[tuple[str, Any]] = report.user_properties
-        for name, value in properties:
-            if name == 'fixtures':
-                _kept[report.nodeid] = value
-            elif name == 'fixture':
-                _fixture_seconds[value[0]] = value[1]
-                _passed[report.nodeid] -= value[1]
+        fixtures = dict(value for name, value in properties if name == 'fixture')
+        _fixture_seconds.update(fixtures)
+        _kept[report.nodeid] = dict(properties)['fixtures']
+        _passed[report.nodeid] = dict(properties)['seconds'] - sum(fixtures.values())
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
@@ -195,10 +205,9 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         return
     path = Path(os.environ['EXECUTED'])
     before = json.loads(path.read_text(encoding='utf-8')) if path.is_file() and session.config.option.cov_append else {}
-    passed = {test: max(seconds, 0.0) for test, seconds in _passed.items() if seconds == seconds}  # noqa: PLR0124 - NaN
     root = session.config.rootpath
     files = {str(each.relative_to(root)): _digest(each) for each in sorted((root / _MEASURED).rglob('*.py'))}
-    parts = {'tests': passed, 'fixtures': _kept, 'fixture_seconds': _fixture_seconds, 'files': files}
+    parts = {'tests': _passed, 'fixtures': _kept, 'fixture_seconds': _fixture_seconds, 'files': files}
     path.write_text(json.dumps({name: before.get(name, {}) | part for name, part in parts.items()}), encoding='utf-8')
 
 

@@ -21,6 +21,7 @@ from mbaid_ros.core.samples import Samples
 from mbaid_ros.session import methods
 from mbaid_ros.simulation.simulation import Truth
 from observed import LOW, MID, configured_motion, estimator, kernel, nees, observe, true_body, windows
+from unchanged import Unchanged
 
 SECONDS, RATE = 16.0, 50.0
 IN_PLANE = [0, 1, 2, 9]  # m, x_c, y_c, Izz
@@ -40,6 +41,10 @@ MAKE: dict[str, Callable[[], Estimator]] = {
 RECURSIVE = {'paper main', 'paper difference'}  # which know no noise, and no covariance
 every_method = pytest.mark.parametrize('method', MAKE)
 weighted = pytest.mark.parametrize('method', [name for name in MAKE if name not in RECURSIVE])
+# Both stages have the contract each: what holds for the one and the other is tried with both among the long tests.
+each_stage = pytest.mark.parametrize(
+    'method', ['difference', 'trajectory filter', pytest.param('two stages', marks=pytest.mark.long)]
+)
 
 
 @pytest.fixture(autouse=True)
@@ -108,7 +113,7 @@ def test_windows_together_are_windows_one_by_one_and_stay_as_they_are(method: st
     assert same(cut, before)
 
 
-@weighted
+@each_stage
 def test_memory_is_bounded(method: str, spatial_minute: Truth) -> None:
     """Most is held after 80 windows: so many serve to isolate a fault."""
     servicer = kernel('servicer7')
@@ -121,13 +126,14 @@ def test_memory_is_bounded(method: str, spatial_minute: Truth) -> None:
 
 
 @every_method
-def test_a_plane_shows_four_parameters(method: str) -> None:
+def test_a_plane_shows_four_parameters(method: str, unchanged: Unchanged) -> None:
     for estimate in followed(method):
         assert set(np.flatnonzero(estimate.identifiable)) <= set(IN_PLANE)
         assert np.array_equal(np.isfinite(estimate.parameters), estimate.identifiable)
         if method in RECURSIVE:  # a parameter is published once a fiftieth of the start is left
             assert np.all(np.abs(estimate.parameters / TRUE - 1.0)[estimate.identifiable] < 0.1)
     last = followed(method)[-1]
+    unchanged(last)
     assert last.status in {'estimating', 'converged'}
     assert np.flatnonzero(last.identifiable).tolist() == IN_PLANE
     assert not last.events
@@ -136,15 +142,16 @@ def test_a_plane_shows_four_parameters(method: str) -> None:
     assert all('planar' in warning or 'first estimate' in warning for warning in last.warnings)
 
 
-@weighted
+@each_stage
 def test_exact_data_give_the_exact_body(method: str) -> None:
     last = MAKE[method]().update(windows(observe(motion(), LOW)), 0)[-1]
     assert np.all(np.abs(last.parameters - TRUE)[IN_PLANE] < 0.1 * last.std[IN_PLANE])
 
 
 @weighted
-def test_errors_are_as_large_as_the_covariance_says(method: str) -> None:
+def test_errors_are_as_large_as_the_covariance_says(method: str, unchanged: Unchanged) -> None:
     last = followed(method)[-1]
+    unchanged(last)
     assert last.residual == pytest.approx(1.0, abs=0.25)
     assert nees(last, TRUE) < 1.25 * chi2.isf(1e-3, 4)
     assert abs(last.momentum[5] - MOMENTUM) < 4.5 * np.sqrt(last.momentum_covariance[5, 5])

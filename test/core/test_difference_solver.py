@@ -54,6 +54,7 @@ def test_all_windows_lead_to_the_maximum() -> None:
 def test_marginalising_a_linear_problem_changes_nothing(length: int) -> None:
     blocks = linear_blocks(40, 1)
     likelihood = slid(blocks, length)
+    assert len(likelihood.windows) == length
     information, right_side = NormalSums(blocks, TRUE).weighted(compensate=False)
     assert likelihood.x == pytest.approx(np.linalg.solve(information + PRIOR, right_side), rel=1e-7)
     # Its form around the solution is that of all windows.

@@ -25,6 +25,7 @@ from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
 from observed import LIMIT, MID, estimator, kernel, observe, windows
 from servicers import FORCE_TORQUE, OFF, ON, pushed, spinning, unaware, wheeled
 from simulated import robot, state
+from unchanged import Unchanged
 
 EPOCH = 1_700_000_000_000_000_000  # ns
 ZERO = np.zeros(6)
@@ -204,7 +205,7 @@ def test_noisy_speeds_widen_the_intervals_as_they_should(run: Truth, method: str
 
 
 @pytest.mark.parametrize('seeds', [1, pytest.param(3, marks=pytest.mark.long)])
-def test_a_wrong_spin_inertia_with_its_prior(run: Truth, seeds: int) -> None:
+def test_a_wrong_spin_inertia_with_its_prior(run: Truth, seeds: int, unchanged: Unchanged) -> None:
     """5 % off: with the prior the intervals hold, and the spin inertias are found; without it they do not hold."""
     wrong = reading(factor=1.05)
     declared = Declared((spin_inertias(wrong, (0.05 * SPIN,) * 4), time_offset(0.02)))
@@ -212,6 +213,7 @@ def test_a_wrong_spin_inertia_with_its_prior(run: Truth, seeds: int) -> None:
     for seed in range(seeds):
         method = make(wrong, MID, declared=declared)
         last = method.update(windows(inside(run, seed)), 0)[-1]
+        unchanged(last)
         squares.append(normalised(last, wrong))
         assert last.status in {'estimating', 'converged'}
         assert last.budget is not None

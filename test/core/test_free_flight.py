@@ -13,6 +13,7 @@ from mbaid_ros.core.free_flight import (
     PoseNoise,
     Track,
     _linearised,
+    _typical_misfit,
     free_flight,
     inertia_of,
     tumbled,
@@ -129,6 +130,17 @@ def test_a_pose_that_jumps_is_left_out() -> None:
     flight = free_flight(track, PoseNoise(5e-3, 5e-3))
     assert flight.dropped == 2
     assert flight.misfit == pytest.approx(1.0, abs=0.2)
+
+
+@pytest.mark.parametrize(('position', 'orientation', 'misfit'), [(1.0, 1.0, 1.0), (2.0, 1.0, 4.0), (1.0, 3.0, 9.0)])
+def test_the_typical_misfit_is_that_of_the_worse_of_positions_and_orientations(
+    position: float, orientation: float, misfit: float
+) -> None:
+    """Of errors so many times as large as their noise."""
+    _, exact = flown(3.0, seconds=60.0)
+    flight = free_flight(exact, PoseNoise(5e-3, 5e-3))
+    declared = PoseNoise(5e-3 / position, 5e-3 / orientation)
+    assert _typical_misfit(flight, noisy(exact, 6), declared) == pytest.approx(misfit, rel=0.15)
 
 
 def test_errors_that_last_widen_the_covariance() -> None:

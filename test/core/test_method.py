@@ -27,6 +27,7 @@ from mbaid_ros.simulation.simulation import Truth
 from mbaid_ros.simulation.true_robot import ErrorStds, draw, generator
 from observed import HIGH, MID, configured_motion, kernel, nees, observe, true_body, windows
 from simulated import robot
+from unchanged import Unchanged
 
 
 def until(samples: Samples, seconds: float) -> Samples:
@@ -47,12 +48,13 @@ def covered(surprises: list[float], freedom: int) -> bool:
         *(pytest.param(case, 4, marks=pytest.mark.long) for case in ('servicer', 'satellite')),
     ],
 )
-def test_a_cold_start(case: str, seeds: int, servicer: Truth, satellite: Truth) -> None:
+def test_a_cold_start(case: str, seeds: int, servicer: Truth, satellite: Truth, unchanged: Unchanged) -> None:
     truth, robot = (servicer, kernel('servicer7')) if case == 'servicer' else (satellite, kernel('ets7'))
     total = true_momentum(robot, observe(truth, MID))[0]
     surprises, momenta = [], []
     for seed in range(1, 1 + seeds):
         last = follow(robot, until(observe(truth, MID, seed), 10.0), MID)[-1]
+        unchanged(last)
         assert last.status in {'estimating', 'converged'}
         assert np.all(last.identifiable)
         assert np.all(np.abs(errors(last, robot)) < 4.5 * last.std)
@@ -88,11 +90,12 @@ def test_a_guess_that_leads_astray_does_not_end_the_run(robot: MomentumKernel, s
     assert normalised(last, robot) < chi2.isf(1e-3, 10)
 
 
-def test_a_gap_of_several_seconds(robot: MomentumKernel, servicer: Truth) -> None:
+def test_a_gap_of_several_seconds(robot: MomentumKernel, servicer: Truth, unchanged: Unchanged) -> None:
     samples = observe(servicer, MID, 3)
     later = samples[int(np.searchsorted(samples.time, 12.1)) :]
     out = follow(robot, Samples.concatenate([until(samples, 8.3), later]), MID)
     last = out[-1]
+    unchanged(last)
     assert normalised(last, robot) < chi2.isf(1e-3, 10)
     assert not last.events
     assert last.residual**2 == pytest.approx(1.0, abs=0.3)

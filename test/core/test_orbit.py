@@ -11,11 +11,22 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from benchmarks.data import simulator_config
+from checked import generic, some
 from mbaid_ros.core.difference import window_rows
 from mbaid_ros.core.geometry import Array, exp, rotation_from_quaternion, skew, unvec
 from mbaid_ros.core.odometry.model import odometry_turning
 from mbaid_ros.core.odometry.stream import orientation_only
-from mbaid_ros.core.orbit import FallingFrame, Orbit, OrbitConfig, Turning, declared_gravity, gravity
+from mbaid_ros.core.orbit import (
+    FallingFrame,
+    Orbit,
+    OrbitConfig,
+    Turning,
+    declared_gravity,
+    gradient_numbers,
+    gravity,
+    likeliest_orbit,
+    orbit_rate,
+)
 from mbaid_ros.core.robot.model import Kinematics, express, load_model
 from mbaid_ros.core.robot.momentum import (
     MomentumKernel,
@@ -293,3 +304,34 @@ def test_the_gradient_of_a_declared_orbit_may_be_wrong() -> None:
     assert alone.finding(np.ones(10), 1e-4 * np.eye(10)) is not None
     assert beside.finding(np.ones(10), 1e-4 * np.eye(10)) is None  # an orbit is declared already
     assert declared_gravity(replace(config, gradient_relative_std=0.0), located=True).count == 0
+
+
+TILTED = Orbit.inertial(0.02, np.array([2.0, -1.0, 2.0]) / 3.0, np.array([1.0, -2.0, -2.0]) / 3.0)
+
+
+def test_the_numbers_of_a_gradient_are_those_of_its_epoch_and_of_its_change() -> None:
+    around, second = TILTED, 1e-2
+    before, now, after = (gradient_numbers(around.with_epoch(time))[:5] for time in (-second, 0.0, second))
+    numbers = gradient_numbers(around)
+    assert numbers[:5] == pytest.approx(now, rel=1e-12)
+    change = (after - before) / (2.0 * second)
+    assert numbers[5:] == pytest.approx(change, abs=1e-3 * float(np.abs(change).max()))
+    assert np.abs(change).min() > 0.0
+    assert orbit_rate(numbers) == pytest.approx(0.02)
+
+
+def test_the_orbit_of_a_gradient_is_found_and_none_of_any_other_disturbance() -> None:
+    """In units in which the ten numbers have unit variance, with errors that are a hundredth of theirs."""
+    around, factor = TILTED, 1e-4 * (np.eye(10) + 0.2 * generic(1, 10, 10))
+    mean = np.linalg.solve(factor, gradient_numbers(around))
+    root = 0.01 * (np.eye(10) + 0.2 * generic(2, 10, 10))
+    found = some(likeliest_orbit(factor, mean, root @ root.T))
+    assert found.mean_motion == pytest.approx(0.02, rel=1e-3)
+    assert not found.is_rotating
+    up, across = np.sign(found.zenith @ around.zenith), np.sign(found.normal @ around.normal)
+    assert up * found.zenith == pytest.approx(around.zenith, abs=1e-3)  # a gradient has no sense of up
+    assert across * found.normal == pytest.approx(around.normal, abs=1e-3)
+    assert up * across * np.cross(around.normal, around.zenith) == pytest.approx(
+        np.cross(found.normal, found.zenith), abs=1e-3
+    )
+    assert likeliest_orbit(factor, -mean, root @ root.T) is None  # masses push instead of pull

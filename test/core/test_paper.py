@@ -114,6 +114,44 @@ def test_the_main_form_needs_the_angular_momentum() -> None:
         PaperEstimator(kernel('table1'), settings('main', np.zeros(0)))
 
 
+BODY = np.array([100.0, 0.3, -0.2, 0.5, 20.0, 0.0, 0.1, 40.0, -0.1, 30.0])
+
+
+@pytest.mark.parametrize(
+    ('which', 'size', 'steady'),
+    [
+        (0, 0.99, True),  # of 1 % of the mass, of the unit of length, of the largest moment
+        (0, 1.01, False),
+        (1, 0.0099, True),
+        (1, 0.0101, False),
+        (4, 0.399, True),
+        (5, 0.401, False),
+        (3, 1.0, True),  # not determined
+    ],
+)
+def test_a_run_has_converged_once_nothing_determined_has_moved_for_ten_windows(
+    which: int, size: float, *, steady: bool
+) -> None:
+    estimator, determined = PaperEstimator(kernel('table1'), settings('main', np.zeros(3))), np.arange(10) != 3
+    moved = BODY + size * np.eye(10)[which]
+    assert not any(estimator._is_steady(each, determined) for each in (moved, *[BODY] * 8))
+    assert estimator._is_steady(BODY, determined) == steady
+    assert estimator._is_steady(BODY, determined)
+    assert not estimator._is_steady(BODY, np.zeros(10, dtype=bool))
+
+
+def test_a_run_has_converged_by_the_last_sample_of_a_window(case: tuple[Truth, Array]) -> None:
+    """Seven samples of which the last one moves; their own estimates are no verdict on the run before it."""
+    estimator = PaperEstimator(kernel('table1'), settings('main', np.zeros(3)))
+    window, states = windows(observe(case[0][:7], MID))[0], kernel('table1').states(observe(case[0][:7], MID))
+    solutions, determined = np.tile(np.append(1.0 / BODY[0], BODY[1:]), (7, 1)), np.ones((7, 10), dtype=bool)
+    found = [estimator._estimates(window, states, solutions, determined, 0) for _ in range(11)]
+    assert [each[-1].status for each in found] == ['estimating'] * 9 + ['converged'] * 2
+    assert {each.status for each in found[-1][:-1]} == {'estimating'}
+    solutions[-1, 0] *= 1.1
+    assert estimator._estimates(window, states, solutions, determined, 0)[-1].status == 'estimating'
+
+
 UNKNOWNS = 4
 PRIOR = 1e3
 

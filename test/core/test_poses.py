@@ -33,6 +33,7 @@ from mbaid_ros.simulated_run import SimulatedRun
 from sessions import NOISE, fed
 from simulated import robot
 from streams import urdf
+from unchanged import Unchanged
 
 ROBOT = 'servicer7'
 START = 1_700_000_000_000_000_000  # ns
@@ -144,42 +145,46 @@ def test_one_pose_is_a_position_and_an_orientation() -> None:
 
 
 @pytest.mark.parametrize('world', [(), (0.3, -0.5, 1.0, 3.0, 2.0, 1.0)])
-def test_motion_capture_beside_odometry_makes_estimates_sharper(world: tuple[float, ...]) -> None:
+def test_motion_capture_beside_odometry_makes_estimates_sharper(world: tuple[float, ...], unchanged: Unchanged) -> None:
     alone = last(said(0, 11.0, 'imu'), EXACT)
     read = poses('mocap', 0, 11.0, 100.0, (1e-4, 2e-5), world)
     names = {'poses.names': ['mocap'], 'poses.mocap.position_std': 1e-4, 'poses.mocap.orientation_std': 2e-5}
     both = last([*said(0, 11.0, 'imu'), *read], {**EXACT, **names, 'poses.mocap.same_world': not world})
+    unchanged(both)
     assert both.status in {'estimating', 'converged'}
     assert np.all(both.std < 0.6 * alone.std)
     assert np.all(np.abs(normalised(both, ROBOT)) < 3.5)
 
 
 @pytest.mark.parametrize('link', ['link3', 'link7'])
-def test_a_camera_on_the_arm_or_on_the_target_makes_estimates_sharper(link: str) -> None:
+def test_a_camera_on_the_arm_or_on_the_target_makes_estimates_sharper(link: str, unchanged: Unchanged) -> None:
     alone = last(said(4, 11.0, 'imu'), EXACT)
     read = poses('mocap', 4, 11.0, 100.0, (1e-4, 2e-5), (0.3, -0.5, 1.0, 3.0, 2.0, 1.0), link=link)
     names = {'poses.names': ['mocap'], 'poses.mocap.position_std': 1e-4, 'poses.mocap.orientation_std': 2e-5}
     both = last([*said(4, 11.0, 'imu'), *read], {**EXACT, **names, 'poses.mocap.frame': link})
+    unchanged(both)
     assert both.status in {'estimating', 'converged'}
     assert np.all(both.std < 0.9 * alone.std)
     assert np.all(np.abs(normalised(both, ROBOT)) < 3.5)
 
 
-def test_a_star_tracker_and_a_gyro_alone() -> None:
+def test_a_star_tracker_and_a_gyro_alone(unchanged: Unchanged) -> None:
     read = poses('tracker', 1, 20.0, 2.0, (1.0, 2e-5))
     session, estimates = heard([*said(1, 20.0, 'odom'), *read], {**WITH_GYRO, **TRACKER, 'poses.alone': True})
     estimate = estimates[-1]
+    unchanged(estimate)
     assert estimate.status in {'estimating', 'converged'}
     assert estimate.identifiable.all()
     assert np.all(np.abs(normalised(estimate, ROBOT)) < 3.5)
     assert session.config.located is False
 
 
-def test_a_camera_that_measures_positions_beside_a_star_tracker() -> None:
+def test_a_camera_that_measures_positions_beside_a_star_tracker(unchanged: Unchanged) -> None:
     read = [*poses('tracker', 2, 15.0, 2.0, (1.0, 2e-5)), *poses('camera', 2, 15.0, 5.0, (1e-3, 1.0))]
     camera = {'poses.camera.measures': 'position', 'poses.camera.position_std': 1e-3, 'poses.alone': True}
     names = {**TRACKER, **camera, 'poses.names': ['camera', 'tracker']}
     estimate = last([*said(2, 15.0, 'odom'), *read], {**WITH_GYRO, **names})
+    unchanged(estimate)
     assert estimate.identifiable.all()
     assert np.all(np.abs(normalised(estimate, ROBOT)) < 3.5)
 
@@ -248,11 +253,14 @@ def noisy(message: Any, time: float) -> None:
         (noisy, 'poses.mocap.position_std and poses.mocap.orientation_std are', 1),
     ],
 )
-def test_a_broken_sensor_is_the_first_cause(change: Callable[[Any, float], None], named: str, among: int) -> None:
+def test_a_broken_sensor_is_the_first_cause(
+    change: Callable[[Any, float], None], named: str, among: int, unchanged: Unchanged
+) -> None:
     noise = 1e-3, 1e-4
     read = shifted(poses('mocap', 0, 16.0, 50.0, noise), change)
     names = {'poses.names': ['mocap'], 'poses.mocap.position_std': noise[0], 'poses.mocap.orientation_std': noise[1]}
     estimate = last([*said(0, 16.0), *read], {**WITH_GYRO, **names, 'known_links.relative_std': 0.01})
+    unchanged(estimate)
     assert estimate.contradicted
     assert any(cause.startswith(named) for cause, _ in estimate.causes[:among])
 

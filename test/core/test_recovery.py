@@ -26,6 +26,7 @@ from mbaid_ros.session.robot import CalibratedModel
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.true_robot import ModelErrors
 from observed import HIGH, MID, configured_motion, identify, kernel, observe, true_body, windows
+from unchanged import Unchanged
 from wrong_robots import LINKS, Wrong, declared_beside_links
 
 SECONDS = 25.0
@@ -135,12 +136,15 @@ def test_taken_for_exact_they_lead_astray_which_shows(runs: list[Run]) -> None:
 
 
 @pytest.mark.parametrize('share', [0.02, pytest.param(-0.02, marks=pytest.mark.long)])
-def test_of_bodies_that_are_off_as_a_whole_the_target_is_found_within_what_is_reported(share: float) -> None:
+def test_of_bodies_that_are_off_as_a_whole_the_target_is_found_within_what_is_reported(
+    share: float, unchanged: Unchanged
+) -> None:
     """No motion determines a factor of all bodies: the target is as far off as they are, and so is its interval."""
     robot = kernel('ets7')
     errors = replace(ModelErrors.zero(robot.model.joints), bodies=share * robot.known)
     truth = configured_motion('ets7', 30.0, 20.0, errors)
     last = identify(robot, truth, MID, 1, method='trajectory', known_links__relative_std=0.01)[-1]
+    unchanged(last)
     away = (last.parameters - true_body(robot)) / last.std
     assert last.identifiable.all()
     assert last.parameters[0] / true_body(robot)[0] - 1.0 == pytest.approx(-share, abs=0.005)

@@ -18,16 +18,18 @@ from mbaid_ros.core.target import NOT_A_POSE, TargetTrack, TrackedTargetConfig
 from mbaid_ros.replay.json_output import _capture as capture_as_json
 from mbaid_ros.sensor_messages import TargetPoses
 from servicers import chaser
+from unchanged import Unchanged
 
 RARE = 1e-3
 MESSAGES = {'position_std': 5e-3, 'orientation_std': 5e-3}
 
 
 @pytest.mark.parametrize('name', ['servicer7', 'table1'])
-def test_mass_and_centre_of_mass_with_the_arm_at_rest(name: str) -> None:
+def test_mass_and_centre_of_mass_with_the_arm_at_rest(name: str, unchanged: Unchanged) -> None:
     run = caught(name, 4, 0.05, after=2.9)
     estimates, session = session_of(run, tracked=True)
     last = estimates[-1]
+    unchanged(last)
     assert last.status == 'estimating'
     known = last.identifiable
     assert known[:3].all()
@@ -166,7 +168,7 @@ def test_poses_of_a_camera_on_a_link() -> None:
 
 
 @pytest.mark.long
-def test_wrong_poses_are_left_out_and_the_run_goes_on() -> None:
+def test_wrong_poses_are_left_out_and_the_run_goes_on(unchanged: Unchanged) -> None:
     run = caught('servicer7', 4, 0.05, after=14.0)
     # Scaled about the capture, as by a wrong size of a marker: the flight of another, faster free body.
     end = run.poses.position[-1]
@@ -174,5 +176,6 @@ def test_wrong_poses_are_left_out_and_the_run_goes_on() -> None:
     estimates, _ = session_of(wrong, tracked=True)
     assert 'the motion of the tracked target is left out' in ' '.join(estimates[-1].warnings)
     last = estimates[-1]
+    unchanged(last)
     good = np.abs(last.parameters - run.together) < 4.0 * last.std
     assert good[last.identifiable].all()

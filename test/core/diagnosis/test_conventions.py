@@ -13,10 +13,12 @@ import pytest
 from checked import some
 from mbaid_ros.core.contracts import Convention
 from mbaid_ros.core.diagnosis.passes import fitted
-from mbaid_ros.core.geometry import Array, cross, exp, rotate, rotate_back, rotation_from_quaternion
+from mbaid_ros.core.geometry import Array, cross, exp, rotate, rotate_back, rotation_from_quaternion, vec
+from mbaid_ros.core.links import _density
 from mbaid_ros.core.odometry.faults import axis_conventions, twist_check
 from mbaid_ros.core.odometry.stream import AttachedFrame
 from mbaid_ros.core.repair import Conversion
+from mbaid_ros.core.robot.body import standard
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.robot.urdf import scale_inertials
@@ -293,3 +295,14 @@ def test_a_scaled_description_has_the_scaled_inertials_alone() -> None:
         np.testing.assert_allclose(other.parameters, factor * link.parameters, rtol=1e-12)
     with pytest.raises(ModelError, match='elbow'):
         scale_inertials((CONFIG / 'servicer7.urdf').read_text(), {'elbow': 2.0})
+
+
+def test_the_density_is_that_of_a_solid_ellipsoid() -> None:
+    """However it is turned and placed; a plate has none."""
+    axes, turn, density = np.array([0.3, 0.5, 0.8]), exp(np.array([0.4, -0.7, 1.1])), 2700.0
+    mass = density * 4.0 / 3.0 * np.pi * float(np.prod(axes))
+    second = 0.2 * mass * turn @ np.diag(axes**2) @ turn.T
+    inertia = np.trace(second) * np.eye(3) - second
+    assert _density(standard(np.array([mass, 1.0, -2.0, 0.5, *vec(inertia)]))) == pytest.approx(density)
+    flat = 0.2 * mass * np.diag([0.09, 0.25, 0.0])
+    assert _density(standard(np.array([mass, 0.0, 0.0, 0.0, *vec(np.trace(flat) * np.eye(3) - flat)]))) == np.inf

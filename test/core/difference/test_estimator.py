@@ -36,6 +36,7 @@ from observed import (
 )
 from random_robots import random_urdf
 from simulated import state
+from unchanged import Unchanged
 
 
 def errors(found: Array, true: Array) -> Array:
@@ -77,13 +78,14 @@ def test_the_target_may_be_any_link(spatial: Truth) -> None:
 
 
 @pytest.mark.parametrize('seed', range(3))
-def test_random_trees_with_all_types_of_joints(seed: int) -> None:
+def test_random_trees_with_all_types_of_joints(seed: int, unchanged: Unchanged) -> None:
     model = load_model(random_urdf(np.random.default_rng(seed), joints=4, chain=True))
     unknown = MomentumKernel(model, model.last_link)
     motion = random_sinusoids(np.zeros(model.joints), seed, 2, 0.8, 4.0, 12.0)
     start = state(motion.start, motion.reference(0.0)[1], (0.02, -0.05, 0.03), 0.1)
     truth = Simulation(model, motion, start).advance(np.arange(200) * 0.05)
     last = identify(unknown, truth, LOW)[-1]
+    unchanged(last)
     assert last.identifiable.all()
     assert (np.abs(last.parameters - true_body(unknown)) < 1e-6 * last.std).all()
 
@@ -211,9 +213,10 @@ def test_a_slip_of_the_grasp(robot: MomentumKernel, free: Truth, turned: float) 
 
 
 @pytest.mark.parametrize('axes', ['inertial', 'body'])
-def test_a_constant_force(robot: MomentumKernel, pushed: dict[str, Truth], axes: str) -> None:
+def test_a_constant_force(robot: MomentumKernel, pushed: dict[str, Truth], axes: str, unchanged: Unchanged) -> None:
     for seed in range(2):
         last = identify(robot, pushed[axes], MID, seed)[-1]
+        unchanged(last)
         assert last.status == 'inconsistent'
         assert any('a force that lasts' in warning for warning in last.warnings)
 

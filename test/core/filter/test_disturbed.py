@@ -24,6 +24,7 @@ from mbaid_ros.simulation.simulation import Truth
 from mbaid_ros.tasks import Work
 from observed import HIGH, LIMIT, MID, estimator, kernel, observe, true_body, windows
 from servicers import capture
+from unchanged import Unchanged
 
 SECONDS = 20.0
 FORCE_TORQUE = np.array([0.012, -0.010, 0.011, -0.006, 0.005, 0.006])  # N, N m
@@ -38,11 +39,12 @@ def momentum(robot: MomentumKernel, servicer: Truth) -> Array:
 
 
 @pytest.mark.parametrize('known', [0.05, pytest.param(0.0, marks=pytest.mark.long)])
-def test_a_pulse(robot: MomentumKernel, joints: Sinusoids, momentum: Array, known: float) -> None:
+def test_a_pulse(robot: MomentumKernel, joints: Sinusoids, momentum: Array, known: float, unchanged: Unchanged) -> None:
     """Also where the linear momentum was known at first: the pulse is as large as any."""
     truth = float_freely(robot, joints, momentum, SECONDS, pulse=(PULSED, PULSE))
     following = make(robot, MID, adapt=True, declared=replace(DEFAULT, linear_momentum=known))
     last = following.update(windows(observe(truth, MID, 4)), 0)[-1]
+    unchanged(last)
     (event,) = last.events
     assert event.kind == 'step'
     assert PULSED - 0.5 <= event.time <= PULSED + 0.5
@@ -63,12 +65,15 @@ NAMED = {
 @pytest.mark.parametrize(
     'axes', ['inertial on the base', *(pytest.param(axes, marks=pytest.mark.long) for axes in ('inertial', 'body'))]
 )
-def test_a_constant_force(robot: MomentumKernel, joints: Sinusoids, momentum: Array, axes: str) -> None:
+def test_a_constant_force(
+    robot: MomentumKernel, joints: Sinusoids, momentum: Array, axes: str, unchanged: Unchanged
+) -> None:
     start = momentum * np.repeat((axes != 'inertial', True), 3)  # else the centre of mass moves
     wrench = FORCE_TORQUE * (4.0 if axes == 'inertial on the base' else 1.0)  # weak ones act as at the centre of mass
     truth = float_freely(robot, joints, start, SECONDS, push=pushing(wrench, axes))
     following = make(robot, MID, adapt=True)
     last = following.update(windows(observe(truth, MID, 5)), 0)[-1]
+    unchanged(last)
     assert any(f'constant force or torque acts, {NAMED[axes]}' in each for each in last.warnings)
     assert normalised(last, robot) < LIMIT
     assert [event.kind for event in last.events] == ['ramp']
@@ -158,10 +163,11 @@ def test_nothing_disturbs_an_undisturbed_run(robot: MomentumKernel, servicer: Tr
     assert not last.events
 
 
-def test_joints_that_are_late(robot: MomentumKernel, servicer: Truth) -> None:
+def test_joints_that_are_late(robot: MomentumKernel, servicer: Truth, unchanged: Unchanged) -> None:
     curve = CubicSpline(servicer.time, servicer.joint_position)
     late = replace(servicer, joint_position=curve(servicer.time - LATE))
     last = follow(robot, observe(late, MID, 7), MID)[-1]
+    unchanged(last)
     assert abs(last.time_offset - LATE) < 3.0 * last.time_offset_std
     assert last.time_offset_std < 2e-4
     assert normalised(last, robot) < LIMIT
@@ -193,8 +199,9 @@ SEARCHED = pytest.mark.parametrize('searched', [False, pytest.param(True, marks=
 
 
 @SEARCHED
-def test_a_second_body_in_the_grasp_is_reported_and_identified(searched: bool) -> None:
+def test_a_second_body_in_the_grasp_is_reported_and_identified(searched: bool, unchanged: Unchanged) -> None:
     last = history(searched)[-1]
+    unchanged(last)
     (event,) = last.events
     assert event.kind == 'target_changed'
     assert event.time == pytest.approx(CAUGHT, abs=0.5)

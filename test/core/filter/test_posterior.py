@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from checked import generic
 from declarations import exact_but
 from mbaid_ros.core.contracts import UNDISTURBED
 from mbaid_ros.core.filter.gaussian import SquareRootInformation, update
 from mbaid_ros.core.filter.linearise import WhitenedWindow
-from mbaid_ros.core.filter.posterior import MeanAndCovariance, PriorComparison, VarianceComponents
+from mbaid_ros.core.filter.posterior import (
+    Continuation,
+    MeanAndCovariance,
+    Posterior,
+    PriorComparison,
+    VarianceComponents,
+)
 from mbaid_ros.core.filter.time_update import advance
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joints.model import InformationCorrection
@@ -250,3 +259,36 @@ def test_intervals_hold_where_much_of_what_seems_known_is_noise() -> None:
     assert np.mean(found) == pytest.approx(truth, abs=0.02)
     assert np.std(found) > 1.3 * seems
     assert np.std(found) == pytest.approx(wider * seems, rel=0.08)
+
+
+def test_states_are_drawn_in_pairs_with_the_covariance_and_no_mass_below_a_half() -> None:
+    case, own = Case(), slice(6, BODY.stop)
+    mean, change = np.zeros(case.layout.size), np.arange(1.0, 7.0)
+    mean[BODY] = [100.0, 20.0, -10.0, 30.0, 40.0, 1.0, 2.0, 50.0, 3.0, 45.0]
+    triangle = np.triu(generic(3, case.layout.size - 6, case.layout.size - 6))
+    end = cast('Any', SimpleNamespace(momentum_change=change))
+
+    def known(factor: float) -> Posterior:
+        return Posterior(
+            case.layout, case.space, UNDISTURBED, mean, factor * triangle, end, Continuation(False, triangle, mean)
+        )
+
+    near = known(1e-3)
+    assert near.deviation[own] == pytest.approx(1e-3 * np.sqrt(np.diag(triangle.T @ triangle))[:16])
+    now = mean[own] + np.concatenate((change, np.zeros(10)))
+    assert near.point.state[own] == pytest.approx(now)
+    away = np.array([each.state[own] for each in near.drawn(401, 0)]) - now
+    assert away.shape == (401, 16)
+    assert away[:200] == pytest.approx(-away[201:], abs=1e-9)
+    unit = np.linalg.solve(1e-3 * triangle[:16, :16].T, away[:201].T)
+    assert unit @ unit.T / 201 == pytest.approx(np.eye(16), abs=0.35)  # five standard deviations
+    assert np.mean(unit**2) == pytest.approx(1.0, abs=0.1)
+    # Where a mass would be less than half, all numbers go as much less far.
+    far = known(40.0 / abs(triangle[6, 6]))
+    whole, part = (np.array([each.state[own] for each in made.drawn(400, 1)]) - now for made in (near, far))
+    whole *= 40.0 / abs(triangle[6, 6]) / 1e-3
+    short = whole[:, 6] < -50.0
+    assert 20 < np.sum(short) < 380
+    assert part[~short] == pytest.approx(whole[~short], rel=1e-6, abs=1e-6)
+    assert part[short, 6] == pytest.approx(np.full(np.sum(short), -50.0))
+    assert part[short] == pytest.approx(whole[short] * (-50.0 / whole[short, 6:7]), rel=1e-6, abs=1e-6)

@@ -46,11 +46,14 @@ def test_a_constant_force_moves_the_momentum() -> None:
         assert after.mean[LINEAR] == pytest.approx(state[LINEAR] + 0.5 * linear)
         assert after.mean[ANGULAR] == pytest.approx(state[ANGULAR] + 0.5 * angular)
         assert after.force == pytest.approx(wrench)
+        brought = after.impulse_of_force(white.force_impulse(axes))
+        assert brought == pytest.approx(np.concatenate((0.5 * linear, 0.5 * angular)))
     acts, none = (
         MeanAndCovariance.from_gaussian(each, space) for each in SquareRootInformation.priors(space, ('body', 'none'))
     )
     assert acts.force_factor @ acts.force_factor.T == pytest.approx(space.force @ space.force.T)
     assert np.all(none.force == 0.0)
+    assert np.all(none.impulse_of_force(white.force_impulse('body')) == 0.0)
     assert np.all(none.force_factor == 0.0)
 
 

@@ -1,0 +1,103 @@
+"""Which windows a run of knots gives where samples are missing: a table."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.windows import Averaged, KnotAveraging, Window, knots_per_window
+from observed import MID, configured_motion, observe, windows
+
+FIRST, ALONE, LATER, LAST = (14, 0, 10), (10, 0, 9), (17, 3, 13), (13, 3, 12)  # knots, own intervals from and to
+Made = tuple[float, float, tuple[int, int, int]]  # start, gap (s), shape
+
+
+@pytest.fixture(scope='module')
+def samples() -> Samples:
+    """Return 4 s of two samples a knot."""
+    return observe(configured_motion('table1', 4.0, 40.0), MID, 1)
+
+
+def averaged(samples: Samples, begin: float = 0.0, end: float = 0.0, at_once: int = 100) -> list[Averaged]:
+    """Return what comes of windows of 0.5 s, those of half a second's ten knots, without the samples of some time."""
+    kept = (samples.time < begin - 1e-9) | (samples.time > end - 1e-9)
+    pieces, averaging = windows(samples[np.flatnonzero(kept)]), KnotAveraging(MID, 0.5)
+    return [
+        each for place in range(0, len(pieces), at_once) for each in averaging.average(pieces[place : place + at_once])
+    ]
+
+
+def made(window: Window | None) -> Made | None:
+    if window is None:
+        return None
+    assert window.after_gap == (window.inside.start == 0)
+    assert np.all(np.isfinite(window.knots.base_position))
+    return window.start, window.gap, window.shape
+
+
+WHOLE = [(0.5 * place, 0.0, LATER if place else FIRST) for place in range(7)]
+
+
+@pytest.mark.parametrize('at_once', [100, 1, 3])
+@pytest.mark.parametrize(
+    ('begin', 'end', 'ready'),
+    [
+        (0.0, 0.0, WHOLE),
+        (1.6, 1.65, WHOLE),  # one knot is bridged, also at a limit of windows
+        (2.0, 2.05, WHOLE),
+        (1.95, 2.0, WHOLE),
+        (1.6, 1.75, [*WHOLE[:2], (2.0, 1.0, FIRST), *WHOLE[5:]]),  # several are a gap, of at least a window
+        (1.9, 2.0, [*WHOLE[:2], (2.0, 1.0, FIRST), *WHOLE[5:]]),
+        (1.95, 2.05, [*WHOLE[:3], (2.5, 1.0, FIRST), *WHOLE[6:]]),
+        (2.0, 2.5, [*WHOLE[:3], (2.5, 1.0, FIRST), *WHOLE[6:]]),
+    ],
+)
+def test_windows_around_missing_samples(
+    samples: Samples, begin: float, end: float, at_once: int, ready: list[Made]
+) -> None:
+    found = averaged(samples, begin, end, at_once)
+    assert [each for window in found if (each := made(window.ready))] == ready
+
+
+def test_the_latest_window_is_there_without_its_successor(samples: Samples) -> None:
+    """Without its last interval, and not where its last knot is missing."""
+    whole = [made(each.still_open) for each in averaged(samples)]
+    assert whole == [(0.5 * place, 0.0, LAST if place else ALONE) for place in range(8)]
+    without_end = [made(each.still_open) for each in averaged(samples, 1.95, 2.0)]
+    assert without_end == [*whole[:3], None, *whole[4:]]
+    without_outer = averaged(samples, 1.85, 1.9)  # neighbours bridge a knot: there are none at an outer end
+    assert [made(each.still_open) for each in without_outer] == [*whole[:4], (2.0, 0.0, (12, 2, 11)), *whole[5:]]
+    assert made(without_outer[5].ready) == (2.0, 0.0, (16, 2, 12))
+    assert made(averaged(samples, 2.15, 2.2)[4].ready) == (1.5, 0.0, (16, 3, 13))
+    after_gap = [made(each.still_open) for each in averaged(samples, 1.95, 2.05)]
+    assert after_gap == [*whole[:3], None, None, (2.5, 1.0, ALONE), *whole[6:]]
+
+
+def test_a_joint_has_moved_once_it_leaves_its_noise(samples: Samples) -> None:
+    """By ten standard deviations: before, windows of a robot at rest go by without a solution."""
+    still = replace(samples, joint_position=np.tile(samples.joint_position[:1], (len(samples), 1)))
+    assert not any(each.joints_moved for each in averaged(still))
+    step = np.where(samples.time >= 2.0, 1.0, 0.0)[:, None]
+    for size, moved in ((9.0, False), (11.0, True)):
+        stepped = replace(still, joint_position=still.joint_position + size * MID.joint_position * step)
+        assert [each.joints_moved for each in averaged(stepped)] == [False] * 4 + [moved] * 4
+
+
+@pytest.mark.parametrize(
+    ('rate', 'wanted', 'alike', 'count'),
+    [
+        (100.0, 0.05, False, 10),
+        (100.0, 0.06, False, 8),
+        (100.0, 0.06, True, 10),  # 50 samples: as many in each
+        (13.0, 0.05, False, 6),  # no more knots than samples
+        (4.0, 0.05, False, 5),  # and no fewer than the formulas need
+    ],
+)
+def test_knots_of_a_window(samples: Samples, rate: float, wanted: float, *, alike: bool, count: int) -> None:
+    time: Array = np.arange(0.0, 0.5 - 1e-9, 1.0 / rate)
+    window = replace(samples[: len(time)], time=time)
+    assert knots_per_window(window, 0.5, wanted, alike=alike) == count

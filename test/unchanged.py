@@ -1,0 +1,108 @@
+"""Estimates as they were: a change of code that changes one is meant, and written anew with it, or a mistake.
+
+`pytest -n 0 --write-estimates TESTS` writes those of some tests; the change is read in the difference of the files.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.estimate import Estimate
+
+_FOLDER = Path(__file__).with_name('estimates')
+# Of a standard deviation or a size: rounding differs between processors by far less, a mistake that matters by more.
+_CLOSE = 1e-3
+_WORDS = 30  # letters of a cause: wording may change
+
+
+class Unchanged:
+    """Compares a test's estimates with those of its file, or writes them there; of long tests there are none."""
+
+    def __init__(self, test: str, path: Path, *, long: bool, write: bool) -> None:
+        self._test, self._long, self._write = test, long, write
+        self._path = _FOLDER / f'{path.parent.name}_{path.stem[5:]}.json'
+        self._count = 0
+
+    def __call__(self, estimate: Estimate) -> None:
+        """Compare the next estimate of a test."""
+        if self._long:
+            return
+        name = f'{self._test}#{self._count}' if self._count else self._test
+        self._count += 1
+        found = dict(_parts(estimate))
+        kept = json.loads(self._path.read_text(encoding='utf-8')) if self._path.is_file() else {}
+        if self._write:
+            kept[name] = {part: _rounded(value) for part, value in found.items()}
+            lines = (f'{json.dumps(each)}: {json.dumps(kept[each])}' for each in sorted(kept))
+            self._path.write_text('{\n' + ',\n'.join(lines) + '\n}\n', encoding='utf-8')
+            return
+        assert set(found) == set(kept[name])
+        for part, value in found.items():
+            before = kept[name][part]
+            if isinstance(value, np.ndarray):
+                size = np.array(kept[name].get(f'{part} std', np.zeros(len(value))), dtype=float)
+                close = _CLOSE * np.where(np.isfinite(size), size, 0.0)
+                np.testing.assert_array_less(
+                    np.abs(np.nan_to_num(value - np.array(before, dtype=float), nan=0.0)),
+                    close + _CLOSE * (1.0 if part.startswith('share') else np.abs(np.nan_to_num(value))) + 1e-12,
+                    f'{part} was {before}, is {value.tolist()}',
+                )
+                assert np.isfinite(value).tolist() == np.isfinite(np.array(before, dtype=float)).tolist(), part
+            else:
+                assert value == before, part
+
+
+def _parts(estimate: Estimate) -> Iterator[tuple[str, Array | list[str] | str | int]]:
+    """Yield what an estimate holds, by names; what has a standard deviation is compared by it."""
+    yield 'status', str(estimate.status)
+    yield 'samples', estimate.samples
+    yield 'body', estimate.parameters
+    yield 'body std', estimate.std
+    yield 'momentum', estimate.momentum
+    yield 'momentum std', np.sqrt(np.diag(estimate.momentum_covariance))
+    yield 'time offset', np.array([estimate.time_offset])
+    yield 'time offset std', np.array([estimate.time_offset_std])
+    yield 'residual', np.array([estimate.residual])
+    known = estimate.identifiable
+    covariance = estimate.covariance[np.ix_(known, known)]
+    if known.any() and np.all(np.isfinite(covariance)):  # the paper's methods have none
+        yield 'volume', np.array([np.linalg.slogdet(covariance)[1]])
+    if estimate.noise is not None:
+        yield 'noise', np.append(estimate.noise.estimated, estimate.noise.correlation_time)
+    for sensor in estimate.sensors:
+        yield f'sensor {sensor.name}', np.array([sensor.count, sensor.residual])
+    for thruster in estimate.thrusters:
+        yield 'thruster', np.array([thruster.scale, *thruster.turn, thruster.delay])
+        yield 'thruster std', np.array([thruster.scale_std, *thruster.turn_std, thruster.delay_std])
+    for joint in estimate.flexible:
+        yield joint.joint, np.array([joint.frequency, joint.damping])
+        yield f'{joint.joint} std', np.array([joint.frequency_std, joint.damping_std])
+    for place, event in enumerate(estimate.events):
+        yield f'event {place}', event.kind
+        yield f'event {place} size', np.array([event.time, *event.linear, *event.angular])
+    yield 'causes', [cause[:_WORDS] for cause, _ in estimate.causes[:1]]
+    yield 'gain', np.array([gain for _, gain in estimate.causes[:1]])
+    if estimate.budget is not None:
+        for cause, shares in zip(estimate.budget.causes, estimate.budget.shares.T, strict=True):
+            if np.nan_to_num(shares).max() > 0.02:
+                yield f'share of {cause}', shares
+
+
+def _rounded(value: Array | list[str] | str | int) -> Any:
+    if not isinstance(value, np.ndarray):
+        return value
+    return [float(f'{each:.6g}') for each in value.tolist()]
+
+
+@pytest.fixture
+def unchanged(request: pytest.FixtureRequest) -> Unchanged:
+    """Compare estimates of a test with what they were."""
+    node, write = request.node, request.config.getoption('--write-estimates')
+    return Unchanged(node.name, node.path, long=node.get_closest_marker('long') is not None, write=write)
