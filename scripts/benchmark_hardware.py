@@ -35,8 +35,8 @@ ROOT = Path(__file__).resolve().parents[1]
 BAG = ROOT / 'bags' / 'air_bearing_thrusters'
 MOST = 99  # recordings of a row, more than any has
 HEADER = (
-    'recording', 'truth', 'runs', 'used to tune', 'published', 'numbers that hold', 'width', 'published with `repair`',
-    'hold', 'width',
+    'recording', 'truth', 'runs', 'used to tune', 'published', 'intervals right', 'width', 'published with `repair`',
+    'intervals right', 'width',
 )  # fmt: skip
 
 

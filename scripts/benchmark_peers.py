@@ -34,7 +34,7 @@ _COLOURS = {True: '#0072b2', False: '#d55e00'}  # of this package, of others: bl
 def main_table(methods: Sequence[Method], whole: Mapping[str, Score], rows: Scores, same: Mapping[str, float]) -> str:
     """Return the table of all methods over all their runs, the most accurate first."""
     header = [
-        *('method', 'error / bound', f'`{BEST}` there', 'worst row', 'coverage', 'rows that hold', 'silently wrong'),
+        *('method', 'error / bound', f'`{BEST}` there', 'worst row', 'coverage', 'rows covered', 'silently wrong'),
         *('no answer', 'time, s', 'memory, MB', 'needs'),
     ]
     lines = []
@@ -80,7 +80,7 @@ def verdict(rows: Scores) -> str:
         f'Rows in which another method is more accurate than `{BEST}`, the best of them': '; '.join(better),
         f'Rows in which the coverage of `{BEST}` does not hold': '; '.join(uncovered),
         f'Rows without an answer of `{BEST}`': '; '.join(silent),
-        'Methods whose coverage holds in every row with an answer': ', '.join(hold),
+        'Methods with the right coverage in every row with an answer': ', '.join(hold),
     }
     return '\n'.join(f'- {fact}: {names or "none"}.' for fact, names in facts.items())
 
@@ -115,24 +115,30 @@ def method_table(methods: Sequence[Method], whole: Mapping[str, Score]) -> str:
 
 
 def draw(file: Path, whole: Mapping[str, Score]) -> None:
-    """Draw accuracy against time; filled where the intervals hold."""
+    """Draw accuracy against time; filled where the intervals contain the truth as often as they should."""
     low, high = (round(100 * share) for share in COVERED)
     with mpl.rc_context({'svg.hashsalt': 'mbaid_ros'}):
         drawing = Figure(figsize=(8.0, 4.6), layout='constrained', facecolor='white')
         axis = drawing.subplots()
+        named: list[tuple[float, float]] = []
         for name, own in whole.items():
             if not np.isfinite(own.median):
                 continue
             colour, place = _COLOURS[name in OURS], (own.processor, own.median)
             axis.plot(*place, 'o', color=colour, markerfacecolor=colour if own.holds else 'white', markersize=9)
-            axis.annotate(name.replace('_', ' '), place, (9, 3), textcoords='offset points', fontsize=8)
+            apart = [np.abs(np.log10(np.divide(place, other))) for other in named]
+            lower = any(across < 0.3 and up < 0.05 for across, up in apart)  # below, beside another name
+            named.append(place)
+            axis.annotate(
+                name.replace('_', ' '), place, (9, -11 if lower else 3), textcoords='offset points', fontsize=8
+            )
         axis.axhline(1.0, color='black', linewidth=0.9, linestyle=(0, (4, 3)))
         axis.annotate(
             'no unbiased method is better', (0.01, 1.0), (0, 3), ('axes fraction', 'data'), 'offset points', fontsize=8
         )
         labels = {'xlabel': 'processor time of a run [s]', 'ylabel': 'error / bound, median'}
         axis.set(xscale='log', yscale='log', **labels)
-        axis.set_title(f'filled: {low} to {high} % of the 95 % intervals hold the truth', fontsize=9, loc='left')
+        axis.set_title(f'filled: {low} to {high} % of the 95 % intervals contain the truth', fontsize=9, loc='left')
         axis.margins(x=0.25)
         axis.spines[['top', 'right']].set_visible(False)
         file.parent.mkdir(parents=True, exist_ok=True)

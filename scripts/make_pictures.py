@@ -97,7 +97,7 @@ def demo(run: Run, path: Path) -> None:
 
 
 def robot(view: Any, model: Any, data: Any, configuration: Array) -> None:
-    """Draw base, arm and held body in a configuration."""
+    """Draw base, arm and captured body in a configuration."""
     view.clear()
     pinocchio.forwardKinematics(model, data, configuration)
     places = np.array([each.translation for each in data.oMi[1:]])
@@ -112,10 +112,11 @@ def robot(view: Any, model: Any, data: Any, configuration: Array) -> None:
     com = hand.act(model.inertias[model.njoints - 1].lever)
     view.plot(*np.array([places[-1], com]).T, color=ORANGE, linewidth=2.0, linestyle='-')
     view.scatter(*com, s=1500, color=ORANGE, alpha=0.6)
-    view.text(com[0], com[1], com[2] + 0.5, 'captured body', color=ORANGE, ha='center')
-    view.text(places[0, 0], places[0, 1], places[0, 2] + 0.9, 'floating base', color=GREY, ha='center')
+    view.text2D(0.08, 0.05, 'floating base', color=GREY, transform=view.transAxes)
+    view.text2D(0.45, 0.05, 'arm', color=BLUE, transform=view.transAxes)
+    view.text2D(0.59, 0.05, 'captured body', color=ORANGE, transform=view.transAxes)
     for limits, middle in zip((view.set_xlim, view.set_ylim, view.set_zlim), 0.5 * (places[0] + com), strict=True):
-        limits(middle - 1.5, middle + 1.5)
+        limits(middle - 1.8, middle + 1.8)
     view.set_axis_off()
     view.view_init(elev=20, azim=-65)
 

@@ -18,7 +18,7 @@ from mbaid_ros.simulation.simulation import Truth
 
 _JOINTS = ('joint_position', 'joint_velocity')
 _ODOMETRY = tuple(name for name in vars(NOISE) if name.startswith('base'))
-_NOISE = r'noise\.(joint|base)|noise of the odometry'
+_NOISE = r'noise\.(joint|base)|noise (of|set for) the odometry'
 _GYRO_BIAS = np.deg2rad(10.0) / 3600.0  # rad/s
 _TURN = np.array([0.0, 0.0, 0.5 * np.pi])
 
@@ -69,7 +69,10 @@ SENSORS = (
     _declared('all noise declared 10 x too small', (*_JOINTS, *_ODOMETRY), 0.1, _NOISE),
     _declared('all noise declared 3 x too large', (*_JOINTS, *_ODOMETRY), 3.0),
     _declared(
-        'noise of the odometry declared 3 x too small', _ODOMETRY, 1.0 / 3.0, r'noise\.base|noise of the odometry'
+        'noise of the odometry declared 3 x too small',
+        _ODOMETRY,
+        1.0 / 3.0,
+        r'noise\.base|noise (of|set for) the odometry',
     ),
     _declared('noise of the joints declared 10 x too small', _JOINTS, 0.1, r'noise\.joint'),
     _spoilt('encoders of 14 bits', _bits(14)),
