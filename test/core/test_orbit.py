@@ -81,6 +81,9 @@ def test_the_directions_of_ccsds() -> None:
     inertial = Orbit.inertial(MEAN_MOTION, NADIR, NORMAL)
     assert inertial.zenith == pytest.approx(-NADIR, abs=1e-15)
     assert inertial.normal == pytest.approx(NORMAL, abs=1e-15)
+    roughly = Orbit.inertial(MEAN_MOTION, 2.0 * NADIR + 0.3 * NORMAL, 3.0 * NORMAL)  # projected, and of any length
+    assert roughly.zenith == pytest.approx(-NADIR, abs=1e-15)
+    assert roughly.normal == pytest.approx(NORMAL, abs=1e-15)
 
 
 def truth_of(time: Array, position: Array, orientation: Array, linear: Array, angular: Array) -> Truth:

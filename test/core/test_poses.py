@@ -6,19 +6,31 @@ from collections.abc import Callable, Mapping
 from copy import deepcopy
 from functools import cache
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Literal, cast
 
 import numpy as np
 import pytest
 
 from benchmarks.data import simulator_config
+from checked import assert_derivative, generic, some
 from gyros import normalised
 from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
-from mbaid_ros.core.geometry import Array, exp, quaternion_from_rotation, rotation_from_quaternion
+from mbaid_ros.core.contracts import Motion
+from mbaid_ros.core.geometry import Array, exp, log, quaternion_from_rotation, rotation_from_quaternion
 from mbaid_ros.core.noise import FoundNoise
 from mbaid_ros.core.outliers import ResidualGate
-from mbaid_ros.core.poses import EARLY, PoseCollector, PoseSensor, pose_errors
+from mbaid_ros.core.poses import (
+    DELAY,
+    EARLY,
+    MOUNT,
+    SCALE,
+    WORLD,
+    NamedPoseConfig,
+    PoseCollector,
+    PoseSensor,
+    pose_errors,
+)
 from mbaid_ros.core.poses import _between as between
 from mbaid_ros.core.poses import _interpolation as interpolation
 from mbaid_ros.core.results.estimate import Estimate
@@ -30,6 +42,7 @@ from mbaid_ros.session.explanation import intake_warnings, sensor_rows
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import SimulatedRun
+from observed import kernel
 from sessions import NOISE, fed
 from simulated import robot
 from streams import urdf
@@ -376,6 +389,56 @@ def test_what_cannot_be_used_is_named_in_one_line(parameters: Mapping[str, objec
         Session(build(EstimatorConfig, parameters), urdf(ROBOT))
     assert named in str(error.value)
     assert '\n' not in str(error.value)
+
+
+def test_a_pose_is_read_off_by_its_errors_as_the_columns_say() -> None:
+    """Mount, world, delay and scale at a generic pose that turns and moves."""
+    (turned,), position, (angular, linear) = exp(generic(1, 1, 3)), generic(2, 3), generic(3, 2, 3)
+    unknown = pose_errors('mocap', NamedPoseConfig(), same_world=False)
+
+    def read(errors: Array) -> Array:
+        mount, placed, world, moved = np.split(errors[:12], 4)
+        rotation = exp(world) @ exp(-errors[12] * angular) @ turned @ exp(mount)
+        where = exp(world) @ ((1.0 + errors[13]) * (position - errors[12] * linear + turned @ placed)) + moved
+        return np.concatenate((log(rotation @ turned.T), where - position))
+
+    motion = SimpleNamespace(
+        time=np.zeros(1), rotation=turned[None], position=position[None], twist=np.concatenate((angular, linear))[None]
+    )
+    columns = some(unknown.measured('poses.mocap', cast('Motion', motion)))[0]
+    assert_derivative(columns, read, np.zeros(14))
+    parts: tuple[tuple[Literal['orientation', 'position'], slice], ...]
+    parts = ('orientation', slice(3)), ('position', slice(3, 6))
+    for kind, rows in parts:
+        part = pose_errors('mocap', NamedPoseConfig(measures=kind), same_world=True)
+        assert np.array_equal(some(part.measured('poses.mocap', cast('Motion', motion)))[0], columns[rows])
+        assert part.measured('poses.camera', cast('Motion', motion)) is None
+
+
+@pytest.mark.parametrize(
+    ('kind', 'value', 'parameters'),
+    [
+        (MOUNT, [0.0, 0.0, 0.0, 0.0, -0.02, 0.01], {'mount_position_std': 0.05}),
+        (
+            MOUNT,
+            [0.001, 0.0, -0.003, 0.0, 0.02, 0.0],
+            {'mount_position_std': 0.05, 'mount_orientation_std': 0.005},
+        ),
+        (DELAY, [-0.05], {'time_offset_std': 0.1}),
+        (SCALE, [0.01], {'scale_std': 0.02}),
+        (WORLD, [0.01] * 6, None),
+    ],
+)
+def test_errors_of_a_pose_are_declared_as_large_as_they_are(
+    kind: str, value: list[float], parameters: dict[str, float] | None
+) -> None:
+    unknown = pose_errors('mocap', NamedPoseConfig(), same_world=False)
+    found = unknown.repair(f'{kind}:mocap', np.array(value), 0.1 * np.abs(value), kernel(ROBOT))
+    assert (found is None) == (parameters is None)
+    if found is not None and parameters is not None:
+        assert found.parameters == {f'poses.mocap.{name}': size for name, size in parameters.items()}
+        assert np.ravel(np.array(found.value, dtype=float)) == pytest.approx(value)
+        assert 'mocap' in found.cause
 
 
 def test_what_is_not_measured_has_no_errors() -> None:

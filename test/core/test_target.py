@@ -10,13 +10,16 @@ import pytest
 from scipy.stats import chi2
 
 from benchmarks.tracked import CAPTURE, Caught, caught, session_of
-from checked import some
+from checked import central_difference, generic, some
 from mbaid_ros.bags import BAG_TYPES
-from mbaid_ros.core.geometry import quaternion_from_rotation, rotate, rotation_from_quaternion
+from mbaid_ros.core.free_flight import FreeFlight, PoseNoise
+from mbaid_ros.core.geometry import Array, exp, quaternion_from_rotation, rotate, rotation_from_quaternion, unvec
+from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.target import NOT_A_POSE, TargetTrack, TrackedTargetConfig
+from mbaid_ros.core.target import NOT_A_POSE, TargetAtCapture, TargetTrack, TrackedTargetConfig
 from mbaid_ros.replay.json_output import _capture as capture_as_json
 from mbaid_ros.sensor_messages import TargetPoses
+from observed import MID, configured_motion, kernel, observe
 from servicers import chaser
 from unchanged import Unchanged
 
@@ -179,3 +182,63 @@ def test_wrong_poses_are_left_out_and_the_run_goes_on(unchanged: Unchanged) -> N
     unchanged(last)
     good = np.abs(last.parameters - run.together) < 4.0 * last.std
     assert good[last.identifiable].all()
+
+
+def at_capture(tightness: float, *, rigid: bool = True) -> TargetAtCapture:
+    """Return a target at a generic place, whose motion is known so well, and the servicer as it moves."""
+    robot = kernel('servicer7')
+    sample = observe(configured_motion('servicer7', 4.0, 20.0), MID)[60:61]
+    sample = replace(sample, base_position=sample.base_position + generic(1, 3))
+    (turn,), centre, velocity, spin, lever = exp(generic(2, 1, 3)), generic(3, 3), *(0.1 * generic(4, 3, 3))
+    rows = np.concatenate((tightness * np.eye(20), np.zeros((20, 1))), axis=1)
+    noise = PoseNoise(1e-3, 1e-3, (0.0, 0.0))
+    flight = FreeFlight(turn, centre, velocity, spin, lever, 0.3 * generic(5, 5), rows, noise, 1.0, 100)
+    momentum = generic(6, 6)
+    return TargetAtCapture(3.0, flight, robot, sample, momentum, np.eye(6), lambda _: np.zeros((6, 0)), rigid=rigid)
+
+
+def test_a_search_begins_at_a_body_that_moves_as_the_target_did() -> None:
+    """Of a mass: it has the centre and the ratios of moments of the flight, and the momentum of its motion."""
+    made, mass = at_capture(1e4), 50.0
+    flight, (rotation, position) = made.flight, made.link
+    body, momentum = made.guess(mass)
+    found = physical(body - made.kernel.target.parameters)
+    assert found[0] == pytest.approx(mass)
+    assert position + rotation @ found[1:4] == pytest.approx(flight.centre)
+    inertia, ratios = rotation @ unvec(found[4:]) @ rotation.T, flight.rotation @ flight.inertia @ flight.rotation.T
+    assert inertia / np.trace(inertia) == pytest.approx(ratios / np.trace(ratios), abs=1e-6)
+    assert np.abs(ratios - np.eye(3)).max() > 0.1
+    own, spin = momentum - made.momentum, flight.rotation @ flight.spin
+    assert own[:3] == pytest.approx(mass * flight.velocity)
+    assert own[3:] == pytest.approx(np.cross(flight.centre, mass * flight.velocity) + inertia @ spin)
+
+
+def test_what_the_flight_leaves_open_is_a_ball_at_the_link() -> None:
+    made, mass = at_capture(1e-3), 50.0
+    rotation, position = made.link
+    body, momentum = made.guess(mass)
+    found = physical(body - made.kernel.target.parameters)
+    assert found[1:4] == pytest.approx(np.zeros(3), abs=1e-9)
+    inertia = unvec(found[4:])
+    assert inertia == pytest.approx(inertia[0, 0] * np.eye(3))
+    spin = made.flight.rotation @ made.flight.spin
+    velocity = made.flight.velocity + np.cross(spin, position - made.flight.centre)  # of the body's point there
+    own = momentum - made.momentum
+    assert own[:3] == pytest.approx(mass * velocity)
+    assert own[3:] == pytest.approx(np.cross(position, own[:3]) + rotation @ inertia @ rotation.T @ spin)
+
+
+def test_the_link_is_as_uncertain_as_the_pose_of_the_base_makes_it() -> None:
+    made = at_capture(1e4)
+    root = np.eye(6) + 0.3 * generic(7, 6, 6)
+    covariance = 1e-6 * root @ root.T
+    made = replace(made, sample=replace(made.sample, pose_covariance=covariance[None]))
+    away = made.link[1] - made.sample.base_position[0]
+
+    def link(error: Array) -> Array:
+        """Return turn and place by errors of position and orientation of the base."""
+        return np.concatenate((error[3:], error[:3] + exp(error[3:]) @ away))
+
+    by_pose = central_difference(link, np.zeros(6), 1e-5)
+    assert np.abs(away).min() > 0.05
+    assert made.link_factor @ made.link_factor.T == pytest.approx(by_pose @ covariance @ by_pose.T, rel=1e-6, abs=1e-12)

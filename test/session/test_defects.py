@@ -25,6 +25,7 @@ from mbaid_ros.session.session import Session
 from recorded import of
 from sessions import first_columns
 from simulated import CONFIG, robot
+from unchanged import Unchanged
 
 ROBOT, SECONDS = 'servicer7', 12.0
 QUATERNION = np.array([0.1, 0.2, -0.3, 0.9]) / np.sqrt(0.95)
@@ -65,9 +66,10 @@ def undisturbed() -> Estimate:
 
 
 @pytest.mark.parametrize('defect', HARMLESS)
-def test_the_estimate_stays_within_two_standard_deviations(defect: str) -> None:
+def test_the_estimate_stays_within_two_standard_deviations(defect: str, unchanged: Unchanged) -> None:
     spoil, parameters = HARMLESS[defect]
     last = estimates(ROBOT, spoil(clean()), parameters)[0][-1]
+    unchanged(last)
     assert np.all(last.identifiable)
     larger = np.maximum(last.std, undisturbed().std)
     # What velocities are taken from is noise of its own.
@@ -177,9 +179,10 @@ def test_the_first_numbers_say_that_they_are_first() -> None:
     assert not young[-1]
 
 
-def test_undeclared_noise_is_estimated() -> None:
+def test_undeclared_noise_is_estimated(unchanged: Unchanged) -> None:
     silent = changed(ODOMETRY, defects.no_covariance)(clean())
     last = estimates(ROBOT, silent)[0][-1]
+    unchanged(last)
     assert last.status == undisturbed().status
     noise = some(last.noise)
     assert noise.used.all()
@@ -210,10 +213,11 @@ def test_slow_poses_of_undeclared_noise_contradict_nothing() -> None:
     assert some(last.noise).estimated[2] == pytest.approx(0.02, rel=0.2)
 
 
-def test_slow_odometry_that_is_declared_ten_times_too_precise_contradicts_nothing() -> None:
+def test_slow_odometry_that_is_declared_ten_times_too_precise_contradicts_nothing(unchanged: Unchanged) -> None:
     precise = defects.scaled_covariances(1e-2)
     messages = changed(ODOMETRY, precise)(arrivals(ROBOT, SECONDS, 2, odometry_times=np.arange(0.0, SECONDS, 0.1)))
     last = estimates(ROBOT, messages)[0][-1]
+    unchanged(last)
     assert last.status in {'estimating', 'converged'}
     assert any('the noise set for the odometry is wrong: base position' in text for text in last.warnings)
     truth = physical(robot(ROBOT).link(robot(ROBOT).last_link).parameters)

@@ -19,6 +19,7 @@ from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 from sessions import NOISE, feed
 from simulated import CONFIG
+from unchanged import Unchanged
 
 FAR = 4.0  # standard deviations of a frequency: one in 16 000
 # Of each robot: URDF, passive joints, frequencies (Hz), deflections at the start (rad or m).
@@ -67,12 +68,13 @@ def declared(name: str, wrong: float, **more: object) -> dict[str, object]:
         ),
     ],
 )
-def test_what_swings_is_found_along(name: str, seeds: int) -> None:
+def test_what_swings_is_found_along(name: str, seeds: int, unchanged: Unchanged) -> None:
     urdf, joints, frequencies, _ = ROBOTS[name]
     surprises = []
     for seed in range(1, 1 + seeds):
         run, messages = simulated(name, seed, 25.0)
         last = feed(messages, session(urdf, **declared(name, 0.04 * (-1.0) ** seed)))[-1]
+        unchanged(last)
         assert last.status in {'estimating', 'converged'}, last.warnings
         assert last.identifiable.all()
         error = last.parameters - run.target_inertia

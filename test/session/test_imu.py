@@ -25,6 +25,7 @@ from mbaid_ros.session.explanation import obstacles
 from mbaid_ros.session.session import Session
 from simulated import CONFIG
 from streams import urdf
+from unchanged import Unchanged
 
 
 def test_a_bias_that_walks_is_uncertain_until_the_end_of_the_newest_window() -> None:
@@ -113,10 +114,13 @@ def test_errors_are_reported(spoil: Spoil, seconds: float, reported: str) -> Non
         pytest.param('table1', 'link2', 20.0, 2, marks=pytest.mark.long),
     ],
 )
-def test_intervals_hold_and_are_as_narrow_as_on_the_base(name: str, link: str, seconds: float, seed: int) -> None:
+def test_intervals_hold_and_are_as_narrow_as_on_the_base(
+    name: str, link: str, seconds: float, seed: int, unchanged: Unchanged
+) -> None:
     session, found = taken(messages(name, seconds, seed, 0.0, link), name, {**KNOWN, 'imu.frame': link})
     _, on_base = taken(messages(name, seconds, seed), name)
     last = found[-1]
+    unchanged(last)
     assert last.status == 'estimating'
     assert session.received['imu'] == 200 * seconds
     assert not session.dropped
@@ -195,10 +199,11 @@ def without_covariance(_time: float, message: Any) -> Any:
         *(pytest.param(*each, marks=pytest.mark.long) for each in ((None, 1), (without_covariance, 4))),
     ],
 )
-def test_body_and_momentum_are_within_their_intervals(spoil: Spoil | None, seed: int) -> None:
+def test_body_and_momentum_are_within_their_intervals(spoil: Spoil | None, seed: int, unchanged: Unchanged) -> None:
     parameters = {**ORIENTED, 'noise.base_orientation': NOISE}
     session, found = taken(messages('ets7', 12.0, seed, NOISE), 'ets7', parameters, spoil)
     last = found[-1]
+    unchanged(last)
     assert last.status == 'estimating'
     assert not session.dropped.keys() - {'the pose of the base comes from another source'}
     assert ORIENTATION_AND_GYRO in last.warnings
@@ -262,9 +267,10 @@ def test_its_absence_from_all_messages_is_reported(covariance: float) -> None:
 # -- A gyro where nothing locates the base: inertia is found, position, heading and linear momentum are not.
 
 
-def test_a_robot_is_identified_by_how_it_turns() -> None:
+def test_a_robot_is_identified_by_how_it_turns(unchanged: Unchanged) -> None:
     session, found = taken(messages('ets7', 14.0, 3), 'ets7', BY_GYRO)
     last = found[-1]
+    unchanged(last)
     assert (last.stage, last.status) == ('trajectory', 'estimating')
     assert session.received['odom'] == 0
     errors = normalised(last, 'ets7')

@@ -32,6 +32,7 @@ from mbaid_ros.tasks import Method
 from servicers import LINKS, standard_parameters
 from simulated import robot
 from streams import run, urdf
+from unchanged import Unchanged
 
 ROBOT = MomentumKernel(free_model(), 'link7')
 
@@ -240,7 +241,7 @@ class Contradicted(Method):
 
 @pytest.mark.parametrize(('parameters', 'exact'), [(EXACT, True), ({}, False)])
 def test_a_contradicted_run_doubts_an_exact_robot_and_suspects_unknown_names(
-    parameters: dict[str, object], exact: bool
+    parameters: dict[str, object], exact: bool, unchanged: Unchanged
 ) -> None:
     session = Session(build(EstimatorConfig, parameters), urdf('table1'), lambda *_: Contradicted())
     for timed in run('table1', 1.1):
@@ -253,6 +254,7 @@ def test_a_contradicted_run_doubts_an_exact_robot_and_suspects_unknown_names(
         else:
             session.add_odometry(message)
     last = session.process()[-1]
+    unchanged(last)
     assert (EXACT_ROBOT in last.warnings) is exact
     (first, _), (second, gain) = last.causes
     assert first == 'first'

@@ -19,6 +19,7 @@ from mbaid_ros.simulated_run import SimulatedRun
 from mbaid_ros.simulation.simulation import total_momentum
 from observed import LIMIT, nees
 from sessions import AWAY, URDF, declared, history, identify, session, simulated
+from unchanged import Unchanged
 
 SECONDS = 30.0
 LONG = pytest.mark.long
@@ -50,11 +51,12 @@ def within(estimate: Estimate, run: SimulatedRun) -> bool:
         *(pytest.param('hill', method, marks=LONG) for method in ('difference', 'trajectory')),
     ],
 )
-def test_intervals_hold(frame: str, method: str) -> None:
+def test_intervals_hold(frame: str, method: str, unchanged: Unchanged) -> None:
     around = given(declared(frame, FAST) | (ECCENTRIC if frame == 'hill' else {}))
     run = simulated(SECONDS, initial__base_position=AWAY, **around)
     into = session(method=method, **around)
     last = identify(run, into)
+    unchanged(last)
     assert last.status in {'estimating', 'converged'}
     assert not last.events
     assert nees(last, run.target_inertia) < LIMIT
@@ -86,10 +88,11 @@ def test_without_the_parameter_it_is_no_quiet_error(frame: str, method: str) -> 
 
 
 @pytest.mark.parametrize('place', [pytest.param([0.0, 0.0, 0.0], marks=LONG), AWAY])
-def test_a_gravity_gradient_that_is_not_declared_is_reported(place: list[float]) -> None:
+def test_a_gravity_gradient_that_is_not_declared_is_reported(place: list[float], unchanged: Unchanged) -> None:
     """In a frame that does not turn it may be too small to contradict anything: it is estimated along."""
     run = simulated(SECONDS, initial__base_position=place, **given(declared('inertial', 0.5 * FAST)))
     last = identify(run, session(orbit__undeclared_rate=0.5 * FAST))
+    unchanged(last)
     assert last.status == 'inconsistent'
     assert nees(last, run.target_inertia) < LIMIT
     assert 'set orbit.mean_motion' in last.causes[0][0]

@@ -27,6 +27,7 @@ from mbaid_ros.sensor_messages import in_order
 from mbaid_ros.session.repairing import MOST, RepairPolicy, repaired
 from mbaid_ros.session.session import Session
 from sessions import URDF, session
+from unchanged import Unchanged
 
 SIGN = Repair('the sign of joint4 is wrong', conversion=Conversion(factors={'joint4': -1.0}))
 ZERO = Repair('the zero of joint4 is off', {'known_joints.joint4.zero_std': 0.05})
@@ -77,8 +78,9 @@ def same(one: Estimate, other: Estimate) -> bool:
     )
 
 
-def test_a_run_with_a_wrong_sign_ends_with_the_true_inertia() -> None:
+def test_a_run_with_a_wrong_sign_ends_with_the_true_inertia(unchanged: Unchanged) -> None:
     last = replayed(started(repair=True), messages("a joint's sign flipped", 17.0))[-1]
+    unchanged(last)
     (repair,) = last.repairs
     assert repair.conversion == Conversion(factors={'joint3': -1.0})
     assert repair.parameters is None

@@ -19,6 +19,7 @@ from mbaid_ros.parameters import build
 from mbaid_ros.recordings.recording import resource, turned_about_z
 from mbaid_ros.sensor_messages import Joints, Poses, Readings, Thrust, in_order
 from mbaid_ros.session.session import Session
+from unchanged import Unchanged
 
 MASS, MOMENT = 23.0, 0.44
 PERIOD, STEPS, SECONDS = 0.06, 12, 24.0  # s between samples, steps of the simulation in between, s
@@ -93,8 +94,11 @@ def moved(on: Array) -> Array:
 
 @pytest.mark.parametrize('seed', [0, pytest.param(1, marks=pytest.mark.long)])
 @pytest.mark.parametrize(('scale_std', 'least', 'most'), [(1e-9, 0.0, 0.01), (0.1, 0.02, 0.1)])
-def test_the_mass_is_known_as_well_as_the_thrust(scale_std: float, least: float, most: float, seed: int) -> None:
+def test_the_mass_is_known_as_well_as_the_thrust(
+    scale_std: float, least: float, most: float, seed: int, unchanged: Unchanged
+) -> None:
     last = run(seed, scale_std)[-1]
+    unchanged(last)
     assert last.status in {'estimating', 'converged'}
     assert abs(last.parameters[0] - MASS) < 4.0 * last.std[0]
     assert abs(last.parameters[9] - MOMENT) < 4.0 * last.std[9]

@@ -21,6 +21,7 @@ from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
 from observed import LIMIT, nees
 from sessions import URDF, feed, session, simulated
+from unchanged import Unchanged
 
 AXES = [1.0, 1.0, 1.0, -1.0, 1.0, 1.0, -1.0, -1.0, 1.0, 1.0, -1.0, 1.0]
 NAMES = ['rw1', 'rw2', 'rw3', 'rw4']
@@ -58,9 +59,10 @@ def test_by_their_speeds(method: str) -> None:
     assert not warnings
 
 
-def test_by_their_momentum() -> None:
+def test_by_their_momentum(unchanged: Unchanged) -> None:
     (run, messages), into = spinning(publish='stored_momentum'), session(wheels__momentum_frame='base_link')
     last = feed(messages, into)[-1]
+    unchanged(last)
     assert agrees(last, run)
     assert into.intake.stored_momentum.used == round(SECONDS * 50) + 1
     assert np.mean(last.std / by_speeds('trajectory')[0].std) == pytest.approx(1.0, abs=0.05)

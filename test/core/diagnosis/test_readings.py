@@ -183,6 +183,11 @@ def test_metres_are_no_other_unit() -> None:
     assert finished(scaled_positions(kernel('servicer7'), windows())) == []
 
 
+def test_joints_that_are_swapped_are_no_other_unit_of_the_positions() -> None:
+    """No scale explains them, however large the misfit of the one that fits best."""
+    assert finished(scaled_positions(kernel('servicer7'), read_as(columns=[0, 3, 2, 1, 4, 5, 6]))) == []
+
+
 def test_the_mount_that_is_named_can_be_pasted() -> None:
     (found,) = finished(placed_bases(kernel('servicer7'), poses_read(mounted), None))
     place, turn = (np.array(each.partition(']')[0].split(', '), float) for each in found.text.split('[')[1:])

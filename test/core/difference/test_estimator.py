@@ -200,6 +200,7 @@ def test_an_undeclared_pulse_is_reported(robot: MomentumKernel, floating: Float)
     assert last.status == 'not_identifiable'
     assert last.contradicted
     assert WITHHELD in last.warnings
+    assert '100 % of the variance is due to the uncertainty of the robot model' in last.warnings
     resting = replace(samples[:1], time=samples.time[:1])
     assert not estimator(robot, MID).update(windows(resting), 0)[-1].contradicted
 

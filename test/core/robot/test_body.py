@@ -10,7 +10,7 @@ import pytest
 from checked import some
 from mbaid_ros.core.geometry import Array, exp, unvec, vec
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.body import is_physical, physical, project, project_planar, pseudo_inertia, standard
+from mbaid_ros.core.robot.body import _ball, is_physical, physical, project, project_planar, pseudo_inertia, standard
 from mbaid_ros.core.robot.model import Plane
 from mbaid_ros.core.target import debris
 
@@ -170,3 +170,15 @@ def test_nothing_where_a_parameter_is_not_determined(missing: int) -> None:
     identifiable = estimate.identifiable.copy()
     identifiable[missing] = False
     assert debris(replace(estimate, identifiable=identifiable), LINK) is None
+
+
+def test_the_search_for_a_body_begins_at_a_ball_within_reach() -> None:
+    """Of the same mass, centre and mean moment, as far as a body of the robot's size has them."""
+    scale = np.array([100.0, *[150.0] * 3, *[80.0] * 6])
+    own = np.array([50.0, 0.3, -0.2, 0.5, 10.0, 0.5, -0.3, 14.0, 0.2, 12.0])
+    assert physical(_ball(standard(own), scale)) == pytest.approx([*own[:4], 12.0, 0.0, 0.0, 12.0, 0.0, 12.0])
+    far = standard(np.array([-2.0, 30.0, -20.0, 50.0, 10.0, 0.0, 0.0, 14.0, 0.0, 12.0]))
+    found = physical(_ball(far, scale))
+    assert found[0] == pytest.approx(0.1)
+    assert found[1:4] == pytest.approx(-1.5 * np.array([30.0, -20.0, 50.0]) / np.sqrt(3800.0))
+    assert found[[4, 7, 9]] == pytest.approx(np.full(3, 1e-3 * 0.1 * 0.8))
