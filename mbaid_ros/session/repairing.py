@@ -17,6 +17,7 @@ _PERSISTENT = 16
 _AMBIGUOUS = 32
 _STRONG = 100.0  # log-likelihood of a cause, from which a run without a solution counts as contradicted
 MOST = 3  # repairs of a run, one after the other
+LEFT_OUT = 'left out by a repair'  # a named sensor
 LONGEST = 300.0  # s of a run, whose messages are kept so that it can be started again
 _CALIBRATED = ('known_links.', 'known_joints.', 'odometry_mount.')  # which a calibration file replaces
 

@@ -38,7 +38,7 @@ from mbaid_ros.session.catalogue import inputs, instruments
 from mbaid_ros.session.continuation import read_continuation
 from mbaid_ros.session.methods import make_capture, make_estimator
 from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
-from mbaid_ros.session.repairing import RepairPolicy, conversions, described, refuse_repair, repaired
+from mbaid_ros.session.repairing import LEFT_OUT, RepairPolicy, conversions, described, refuse_repair, repaired
 from mbaid_ros.session.robot import EXACT_ROBOT, Robot, contradicted_mass
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
@@ -701,6 +701,8 @@ class Session:
 
     def dropped_of(self, name: str) -> Counter[str]:
         """Return the unused messages of a named sensor since the segment began, by cause."""
+        if name not in self.intake.instruments:
+            return Counter({LEFT_OUT: self.received[name]})
         return self.queue.dropped_of(name) + self.intake.dropped_of(name)
 
     @property

@@ -33,12 +33,14 @@ from mbaid_ros.core.poses import (
 )
 from mbaid_ros.core.poses import _between as between
 from mbaid_ros.core.poses import _interpolation as interpolation
+from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import Kinematics
 from mbaid_ros.core.samples import BaseStream, Samples, Stamps
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.parameters import build
 from mbaid_ros.session.explanation import intake_warnings, sensor_rows
+from mbaid_ros.session.repairing import RepairPolicy
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import SimulatedRun
@@ -287,6 +289,18 @@ def test_each_sensor_has_a_row() -> None:
     assert (odometry.rate, imu.rate, tracker.rate) == pytest.approx((100.0, 100.0, 2.0), rel=0.1)
     assert odometry.share + imu.share + tracker.share == pytest.approx(1.0)
     assert 0.5 < tracker.residual < 1.5
+
+
+def test_a_sensor_that_a_repair_leaves_out_has_a_row_that_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    noise = 1e-3, 1e-4
+    read = poses('mocap', 0, 5.0, 50.0, noise)
+    names = {'poses.names': ['mocap'], 'poses.mocap.position_std': noise[0], 'poses.mocap.orientation_std': noise[1]}
+    left = iter([Repair('poses.mocap contradicts the other sensors', {'poses.mocap.use': False})])
+    monkeypatch.setattr(RepairPolicy, 'repair', lambda *_: next(left, None))
+    session, estimates = heard([*said(0, 5.0, 'imu'), *read], {**EXACT, **names, 'repair': True})
+    assert np.array_equal(estimates[-1].std, last(said(0, 5.0, 'imu'), EXACT).std)
+    _, mocap = sensor_rows(session, estimates[-1])
+    assert (mocap.name, mocap.used, mocap.dropped) == ('poses.mocap', 0, {'left out by a repair': len(read)})
 
 
 def readings(stamps: Stamps) -> BaseStream:
