@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from checked import generic
 from linear_problems import EQUATIONS, TRUE, UNKNOWNS, linear_blocks, noisy_blocks
 from mbaid_ros.core.difference import Conservation, momentum_jumps, noise_covariance
 from mbaid_ros.core.difference_solver import (
@@ -73,6 +74,21 @@ def test_an_unidentifiable_direction_stays_at_the_prior() -> None:
     likelihood = slid(Blocks(rows, blocks.offset, blocks.noise, noise_rows), 10)
     assert np.isfinite(likelihood.x).all()
     assert likelihood.x[2] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_directions_without_data_are_of_typical_size() -> None:
+    """As with a prior of that size about zero, beside the information beyond the noise."""
+    size, rows, x = np.array([10.0, 2.0, 0.5, 7.0]), generic(1, 3, UNKNOWNS), generic(2, UNKNOWNS)
+    likelihood = SlidingWindow(PRIOR, 5, size)
+    likelihood._signal = rows.T @ rows
+    found, factor = likelihood._regularised(x)
+    covariance = np.linalg.inv(rows.T @ rows + np.diag(size**-2.0))
+    assert factor @ factor.T == pytest.approx(covariance)
+    assert found == pytest.approx(covariance @ rows.T @ rows @ x)
+    likelihood._signal = -rows.T @ rows  # noise that is compensated for may leave less than nothing
+    found, factor = likelihood._regularised(x)
+    assert found == pytest.approx(np.zeros(UNKNOWNS))
+    assert factor @ factor.T == pytest.approx(np.diag(size**2))
 
 
 NOTHING = np.zeros((UNKNOWNS, UNKNOWNS))

@@ -13,11 +13,13 @@ import pytest
 
 from checked import some
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joints.stream import JointReader
 from mbaid_ros.core.samples import (
     BAD_QUATERNION,
     JOINT_STATE_TYPE,
     LENGTH_MISMATCH,
+    LOST_TRACKING,
     NOT_FINITE,
     NOT_REAL,
     ODOMETRY_TYPE,
@@ -162,6 +164,40 @@ def test_odometry(seed: int, parameters: dict[str, object], mixture: str) -> Non
         seen += dropped
     assert {BAD_QUATERNION, NOT_FINITE, NOT_REAL, WRONG_CHILD_FRAME} <= set(seen)
     assert min(found.replaced[cause] for cause in (POSE_COVARIANCE, TWIST_COVARIANCE)) > 0
+
+
+GOOD = np.array([1.0, 2.0, 3.0, 0.0, 0.0, 0.6, 0.8, *[0.1] * 6])
+
+
+def changed(**values: float) -> Array:
+    """Return the numbers of a pose of which some are others: position 0 to 2, orientation 3 to 6."""
+    numbers = GOOD.copy()
+    for place, value in values.items():
+        numbers[int(place[1:])] = value
+    return numbers
+
+
+@pytest.mark.parametrize(
+    ('numbers', 'reason'),
+    [
+        (GOOD, None),
+        (changed(p3=0.1), None),  # a length that is off by less than a tenth
+        (changed(p0=np.nan), NOT_FINITE),
+        (changed(p6=np.inf), NOT_FINITE),
+        (changed(p9=np.nan), None),  # a twist may be missing
+        (changed(p6=2.0), BAD_QUATERNION),
+        (changed(p6=2.0, p1=1e30), BAD_QUATERNION),  # of several reasons the first
+        (changed(p1=1e30), NOT_REAL),
+        (changed(p5=0.0, p6=0.0), LOST_TRACKING),
+        (np.append(np.zeros(6), [1.0, *[0.0] * 6]), LOST_TRACKING),  # the origin, as it never was before
+    ],
+)
+def test_why_a_pose_is_not_used(numbers: Array, reason: str | None) -> None:
+    """Each is counted once, for one reason; the pose before it is used."""
+    reader, covariances = session({}).intake.odometry_reader, np.tile(1e-6 * np.eye(6), (2, 1, 1))
+    stream, dropped = reader.read([odometry(GOOD, covariances, stamp=1), odometry(numbers, covariances, stamp=2)])
+    assert +dropped == ({} if reason is None else {reason: 1})
+    assert len(some(stream).stamp) == (2 if reason is None else 1)
 
 
 def test_the_numbers_are_those_of_the_messages() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joints.faults import JointRates, _path
-from mbaid_ros.core.odometry.faults import _is_held
+from mbaid_ros.core.odometry.faults import _is_held, _shares, _weights
 from mbaid_ros.core.pipeline import WindowChecks
 from mbaid_ros.core.results.verdict import Reason
 from mbaid_ros.core.samples import Samples
@@ -109,6 +109,15 @@ def test_the_path_of_a_rate_is_its_integral() -> None:
     rate = np.stack((2.0 + 3.0 * time, -time), axis=1)
     exact = np.stack((2.0 * time + 1.5 * time**2, -0.5 * time**2), axis=1)
     assert _path(time, rate) == pytest.approx(exact - exact[0])
+
+
+def test_a_rate_is_compared_with_the_step_between_the_thirds_at_either_end() -> None:
+    """A step counts as many times as means of the ends contain it."""
+    assert _shares(10) == pytest.approx(np.array([1, 2, 3, 3, 3, 3, 3, 2, 1]) / 3.0)
+    time = np.cumsum(np.random.default_rng(1).uniform(0.01, 0.05, 10))
+    rate = 2.0 + 3.0 * time
+    path = 2.0 * time + 1.5 * time**2
+    assert _weights(time) @ rate == pytest.approx(np.mean(path[-3:]) - np.mean(path[:3]))
 
 
 class Counting:

@@ -278,6 +278,8 @@ def test_a_robot_is_identified_by_how_it_turns(unchanged: Unchanged) -> None:
     assert np.abs(errors).max() < 4.0
     assert np.isnan(last.momentum[:3]).all()
     assert np.isfinite(last.momentum[3:]).all()
+    known = np.arange(6) >= 3
+    assert np.array_equal(np.isfinite(last.momentum_covariance), known & known[:, None])
     assert last.warnings[-1].startswith('nothing locates the base')
 
 

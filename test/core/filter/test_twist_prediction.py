@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from checked import central_difference
+from checked import central_difference, generic
 from mbaid_ros.core.filter.linearise import predict
 from mbaid_ros.core.geometry import Array, cross, exp, log, skew
 from mbaid_ros.core.joints.model import gains_by_unknowns, joint_gains
@@ -287,3 +287,16 @@ def test_a_step_is_as_long_as_changes_the_body_by_half_of_its_size() -> None:
     assert trust_region(POINT, step) == pytest.approx(0.25)
     assert trust_region(POINT, -step) == pytest.approx(0.25)
     assert trust_region(POINT, 0.2 * step) == 1.0
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_a_robot_in_a_plane_is_predicted_to_stay_in_it(seed: int) -> None:
+    """Whatever momentum the state has: the plane takes up the rest, and what is in it belongs to the twist."""
+    case = Case(seed)
+    turn = np.linalg.qr(generic(seed, 3, 3))[0]
+    plane = np.zeros((3, 6))
+    plane[:2, :3], plane[2, 3:] = turn[:2], turn[2]
+    within = Layout.from_unknowns(case.kernel, case.layout.unknowns, plane=plane)
+    found, free = predicted(within, case.middle, case.point)[0].twist, case.twist(case.point)
+    assert found @ plane.T @ plane == pytest.approx(found, abs=1e-9)
+    assert np.abs(free - free @ plane.T @ plane).max() > 1e-3

@@ -107,14 +107,19 @@ RANDOM = np.random.default_rng(5)
 
 
 def found(stamp: Stamps, pieces: int = 1, position: Array | None = None) -> list[str]:
-    """Return what is found, by its symptom."""
+    """Return what is found."""
+    return [text for _, text in found_since(stamp, pieces, position)]
+
+
+def found_since(stamp: Stamps, pieces: int = 1, position: Array | None = None) -> list[tuple[int, str]]:
+    """Return what is found since which stamp, by its symptom."""
     moving = np.column_stack((np.sin(0.3 * TIME), np.cos(0.2 * TIME)))[: len(stamp)]
     pattern = StampPattern('the joint states', 1e-4)
-    lines: dict[str, str] = {}
+    lines: dict[str, tuple[int, str]] = {}
     for piece in np.array_split(np.arange(len(stamp)), pieces):
         part = (moving if position is None else position)[piece]
-        for symptom, _, text in pattern.add(stamp[piece], part):
-            lines.setdefault(symptom, text)
+        for symptom, since, text in pattern.add(stamp[piece], part):
+            lines.setdefault(symptom, (since, text))
     return list(lines.values())
 
 
@@ -168,5 +173,6 @@ def test_batches_are_named(size: int, pieces: int) -> None:
 )
 def test_a_clock_that_was_set_is_named(step: float, how: str, pieces: int) -> None:
     stamp = REGULAR + round(1e9 * step) * (np.arange(COUNT) > 300)
-    (text,) = found(stamp, pieces)
+    ((since, text),) = found_since(stamp, pieces)
     assert f'the stamps of the joint states {how}' in text
+    assert since == max(stamp[300], stamp[306])  # as long as it takes to see that they go on

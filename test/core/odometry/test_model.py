@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from checked import generic
+from checked import generic, some
 from mbaid_ros.core.clocks import clock_drift, time_offset
-from mbaid_ros.core.contracts import Unknown
+from mbaid_ros.core.contracts import Motion, Unknown
 from mbaid_ros.core.filter.linearise import WindowModel
 from mbaid_ros.core.geometry import Array, crossed, exp, rotate, rotate_back
 from mbaid_ros.core.gyro import IMU, GyroErrors, gyro, gyro_sensor
@@ -229,6 +231,17 @@ def test_an_orientation_of_its_own_is_turned_as_its_axes_are(
     assert np.abs(pose[:3]).max() < 5e-3 * SIZES[component]
     assert np.abs(rate[6:]).max() < 5e-3 * SIZES[component]
     assert after[:3] == pytest.approx(-turned, abs=5e-3 * SIZES[component])
+
+
+def test_a_gyro_that_measures_no_orientation_reads_no_pose(exact: Samples) -> None:
+    """The other one turns it with its axes, and neither reads what another sensor does."""
+    motion = cast('Motion', SimpleNamespace(rotation=exact.base_rotation))
+    alone, oriented = (gyro(GyroErrors(1.0, 1.0, 1.0, 1.0, cross=1.0, with_orientation=each)) for each in (False, True))
+    assert alone.measured('pose', motion) is None
+    columns = some(oriented.measured('pose', motion))
+    assert np.array_equal(columns[:, :3, 6:9], exact.base_rotation)
+    assert np.count_nonzero(columns) == np.count_nonzero(exact.base_rotation)
+    assert oriented.measured('twist', motion) is None
 
 
 def test_the_joints_noise_is_in_the_readings_as_the_covariance_says(

@@ -208,17 +208,17 @@ def section(text: str) -> ET.Element:
 
 def test_a_robot_known_as_well_as_by_default_is_limited_by_that_and_no_warning_says_so() -> None:
     config = build(EstimatorConfig, {'target_link': 'link7', 'method': 'trajectory'})
-    made = replay_bag(str(ROOT / 'bags' / 'servicer7_mid'), config, robot('servicer7').urdf, Inputs(end=30.0))
+    made = replay_bag(str(ROOT / 'bags' / 'servicer7_mid'), config, robot('servicer7').urdf, Inputs(end=18.0))
     last = made.final
     assert last.budget is not None
     assert last.stage == 'trajectory'
     assert last.warnings == ()
     np.testing.assert_allclose(last.budget.shares.sum(axis=1), 1.0)
     assert last.budget.shares.min() > -1e-9
-    # A satellite of half a tonne that is known to 1 %: worth more than a minute of sensor noise.
+    # A satellite of half a tonne that is known to 1 %: worth more than all of the sensor noise.
     shares = last.budget.shares_of('mass')
     assert max(shares, key=lambda cause: shares[cause]) == 'link:base_link'
-    assert shares[SENSOR_NOISE] < 0.2 * shares['link:base_link']
+    assert shares[SENSOR_NOISE] < 0.3 * shares['link:base_link']
     assert 'All of the variance' not in html([made])
     assert re.fullmatch(
         r'best single joint: joint\d, [\d.]+ deg there and back in 10 s reduce i[xyz]{2} .* to .* %', made.advice
