@@ -9,8 +9,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from checked import some
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.joints.faults import JointRates
+from mbaid_ros.core.joints.faults import JointFaults, JointRates
 from mbaid_ros.core.odometry.faults import HELD, HeldBase, twist_check
 from mbaid_ros.core.pipeline import PlainFaults, WindowChecks
 from mbaid_ros.core.results.estimate import Estimate
@@ -87,6 +88,18 @@ def test_a_joint_that_is_read_more_seldom_is_named(pieces: int) -> None:
     assert found(position, pieces).warnings[0].startswith(text)
     position[:, 3] = np.round(motion(4)[:, 3] / 1e-3) * 1e-3  # a coarse encoder
     assert found(position, pieces).warnings == ()
+
+
+@pytest.mark.parametrize('pieces', [1, 7, COUNT])
+def test_steps_of_a_coarse_encoder_are_named_and_no_held_readings(pieces: int) -> None:
+    position, step = motion(4), 2.0 * np.pi / 1024.0
+    position[:, 3] = np.round(0.5 * position[:, 3] / step) * step
+    (text,) = found(position, pieces).warnings
+    assert text.startswith('joint4 is read in steps of 0.0061 rad, as by a coarse encoder')
+    faults, velocity = JointFaults(robot('servicer7'), list(ALL), 1e-4), np.full((COUNT, JOINTS), np.nan)
+    shown = faults.add(JointStream(SPACING * np.arange(COUNT), position, velocity))
+    repairs = {symptom: repair for symptom, _, _, repair in shown}
+    assert some(repairs['steps']).parameters == {'known_joints.joint4.tracking_std': 5e-3}
 
 
 @pytest.mark.parametrize('pieces', [1, 7, COUNT])

@@ -15,7 +15,7 @@ from mbaid_ros.core.contracts import Convention, converted
 from mbaid_ros.core.geometry import Array, Flags, Integers
 from mbaid_ros.core.joints.stream import position_steps
 from mbaid_ros.core.noise import white_noise
-from mbaid_ros.core.repair import Conversion, Repair, widened
+from mbaid_ros.core.repair import Conversion, Repair, Setting, widened
 from mbaid_ros.core.results.verdict import Reason, Severity
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.momentum import MomentumKernel
@@ -44,6 +44,7 @@ _SPIKE = 50.0  # standard deviations, and times the motion over two readings, of
 _BETWEEN = 1.5  # times the interval before, that readings around one of another source are apart: else one is missing
 _LATEST = 3  # readings that are kept: a spike shows with those around it, and their intervals with the one before
 _STEP = 20.0  # standard deviations of a jump, or of a step after repeats: those of a coarse encoder are smaller
+_UNEVEN, _SELDOM = 0.02, 0.1  # part of a coarse encoder's step; share of changes that are no multiples of that
 _QUARTER = 0.5 * np.pi  # rad between two readings: of a half turn the direction is not known
 _AGREE = 1.0  # rad, that a wheel's step may differ from its velocity times the interval
 _ROUND, _TURNING = 6.2, 0.05  # rad, a turn but for a reading's step, and the least step of a wheel that turns on and on
@@ -228,6 +229,9 @@ class JointFaults:
         self._shown: dict[str, Integers] = {}  # by symptom, how many of each joint's readings show it
         self._range: tuple[Array, Array] | None = None
         self.rows, self.jumped = 0, np.zeros(len(joints))  # number and sum of `_View.jump` until now
+        # By joint until now: the least change; the number of changes, and of those that are no multiples of the least.
+        self._least = np.full(len(joints), np.inf)
+        self._changes = np.zeros((2, len(joints)))
 
     def add(self, stream: JointStream) -> Iterator[tuple[str, int, str, Repair | None]]:
         """Add readings; yield the symptoms that are frequent enough, each from the reading on that makes it so.
@@ -239,7 +243,8 @@ class JointFaults:
         low, high = self._range or (joined.position[0], joined.position[0])
         lowest = np.minimum(np.minimum.accumulate(joined.position), low)
         highest = np.maximum(np.maximum.accumulate(joined.position), high)
-        view, new = _View(self, joined.stamp, joined.position, joined.velocity, lowest, highest), len(stream.stamp)
+        quantum, new = self._quantum(joined.position, len(stream.stamp)), len(stream.stamp)
+        view = _View(self, joined.stamp, joined.position, joined.velocity, lowest, highest, quantum)
         for symptom, check in CHECKS.items():
             flags = check.shows(view)[-new:]
             if not flags.any():  # what is not frequent enough without them is not with them
@@ -260,12 +265,25 @@ class JointFaults:
                     lowest=lowest[place, joint],
                     highest=highest[place, joint],
                     time=1e-9 * (int(joined.stamp[place]) - self.first),
+                    quantum=view.quantum[place - len(joined.stamp), joint],
                 )
                 repair = None if check.repair is None else check.repair(view, place, joint)
                 yield symptom, int(joined.stamp[place]), text, repair
         self._count += new
         self.rows, self.jumped = self.rows + len(view.jump), self.jumped + np.sum(view.jump, axis=0)
         self._range, self._last = (lowest[-1], highest[-1]), joined[-_LATEST:]
+
+    def _quantum(self, position: Array, new: int) -> Array:
+        """Return the step of encoders that change by its multiples, until each of the latest readings; 0: by any."""
+        size = np.abs(np.diff(position, axis=0))[-new:]
+        changed = size > 0.0
+        least = np.minimum.accumulate(np.concatenate((self._least[None], np.where(changed, size, np.inf))))[1:]
+        times = np.where(changed, size, 0.0) / least
+        uneven = changed & (np.abs(times - np.round(times)) > _UNEVEN)
+        number = self._changes[:, None] + np.cumsum((changed, uneven), axis=1)
+        if len(size):
+            self._least, self._changes = least[-1], number[:, -1]
+        return np.where((number[0] >= _FEWEST) & (number[1] < _SELDOM * number[0]), least, 0.0)
 
 
 @dataclass(frozen=True)
@@ -278,6 +296,7 @@ class _View:
     velocity: Array  # (N, k) NaN where none is given
     lowest: Array  # (N, k) of all readings until each
     highest: Array
+    quantum: Array  # (N - 1, k) at most, step of a coarse encoder until each of the latest; 0: none
 
     @cached_property
     def whole(self) -> Flags:
@@ -330,7 +349,14 @@ def _held(view: _View) -> Flags:
     """Return readings that are new after repeats while other joints were new; coarse encoders have small steps."""
     new = np.diff(view.position, axis=0) != 0.0
     far = (np.abs(view.step[2:]) > _STEP * view.joints.noise) & ~view.whole[3:]
-    return np.asarray(far & new[2:] & ~new[1:-1] & ~new[:-2] & np.any(new[1:-1], axis=1, keepdims=True))
+    held = far & new[2:] & ~new[1:-1] & ~new[:-2] & np.any(new[1:-1], axis=1, keepdims=True)
+    return np.asarray(held & (view.quantum[len(view.quantum) - len(far) :] == 0.0))
+
+
+def _stepped(view: _View) -> Flags:
+    """Return the changes of coarse encoders with steps far larger than the noise."""
+    changes = (view.step[2:] != 0.0) & ~view.whole[3:] & ~view.joints.wheels
+    return np.asarray(changes & (view.quantum[len(view.quantum) - len(changes) :] > _STEP * view.joints.noise))
 
 
 def _jumps(view: _View) -> Flags:
@@ -390,6 +416,17 @@ def _jumped(view: _View, place: int, joint: int) -> Repair:
     )
 
 
+def _encoder(view: _View, _place: int, _joint: int) -> Repair:
+    """Return joints with coarse encoders as far from their readings as steps make them."""
+    names, step = view.joints.names, view.quantum[-1]
+    far = np.flatnonzero(step > _STEP * view.joints.noise)
+    size = float(np.max(step[far], initial=0.0))
+    wider: dict[str, Setting] = {
+        f'known_joints.{names[each]}.tracking_std': widened(float(step[each]) / np.sqrt(12.0)) for each in far
+    }
+    return Repair(f'joints are read in steps of up to {1e3 * size:.2g} mrad (mm)', wider, value=size)
+
+
 def _other_unit(view: _View, _place: int, joint: int) -> Repair:
     """Return turning joints as in degrees, or a sliding one as in millimetres."""
     names, slides = view.joints.names, view.joints.slides
@@ -433,6 +470,14 @@ CHECKS: Mapping[str, Check] = {
         _SOURCES,
         _held,
         '{name} repeats its readings while other joints have new ones: read it as often as the others',
+    ),
+    'steps': Check(
+        'note',
+        _SOURCES,
+        _stepped,
+        '{name} is read in steps of {quantum:.2g} {unit}, as by a coarse encoder, and off by up to half a step: '
+        'publish finer readings, or raise known_joints.tracking_std',
+        repair=_encoder,
     ),
     'jump': Check(
         'note',
