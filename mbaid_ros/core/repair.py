@@ -156,6 +156,11 @@ class Repair:
         return self.parameters is not None and self.conversion is None
 
     @property
+    def leaves_out(self) -> bool:
+        """Whether it leaves out a sensor by name."""
+        return self.conversion is None and bool(self.parameters) and not any((self.parameters or {}).values())
+
+    @property
     def how(self) -> str:
         """The declaration or conversion, in words."""
         set_to = ', '.join(f'{name} were {shown(value)}' for name, value in (self.parameters or {}).items())

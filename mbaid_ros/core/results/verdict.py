@@ -133,12 +133,22 @@ def with_reasons(estimate: Estimate, reasons: Sequence[Reason]) -> Estimate:
 
 
 def _follows(reason: Reason, causes: Sequence[tuple[str, float]], remedies: Mapping[str, Repair]) -> bool:
-    """Return whether a reason follows from the leading cause: wrong poses make a right twist look wrong."""
+    """Return whether a reason follows from the leading cause.
+
+    Wrong poses make a right twist look wrong, and a gyro that is right look turned: the data agree far better without
+    the sensor of the poses than without the gyro then.
+    """
     leading = remedies.get(causes[0][0]) if causes else None
-    if leading is None or leading.conversion is None or reason.repair is None or reason.gain is None:
+    if leading is None or reason.repair is None or reason.gain is None:
         return False
-    of_twist = reason.repair.conversion == Conversion(with_twist=False)
-    return of_twist and leading.conversion.of_poses and causes[0][1] > _FOLLOWS * reason.gain
+    if leading.conversion is not None:
+        of_twist = reason.repair.conversion == Conversion(with_twist=False)
+        return of_twist and leading.conversion.of_poses and causes[0][1] > _FOLLOWS * reason.gain
+    own = reason.repair.parameters
+    if not (own and leading.leaves_out and own != leading.parameters):
+        return False
+    same = (gain for text, gain in causes if text in remedies and remedies[text].parameters == own)
+    return max(same, default=0.0) < _FOLLOWS * causes[0][1]
 
 
 def notes(texts: Sequence[str]) -> list[Reason]:

@@ -11,7 +11,7 @@ from checked import some
 from made_runs import BODY as MADE_BODY
 from made_runs import estimate, planar
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.repair import Conversion, Repair
+from mbaid_ros.core.repair import Conversion, Repair, Setting
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate, Status, is_complete, is_usable
 from mbaid_ros.core.results.verdict import (
     IntervalConsistency,
@@ -309,6 +309,31 @@ def test_a_twist_that_seems_wrong_follows_from_wrong_poses(
     given = replace(PUBLISHED, status='inconsistent', causes=(('poses', gain),), remedies={'poses': poses})
     found = with_reasons(given, [Reason('twist', gain=100.0, repair=twist)])
     assert [cause for cause, _ in found.causes] == [first, *({'poses', 'twist'} - {first})]
+
+
+@pytest.mark.parametrize(
+    ('without_gyro', 'left_out', 'first'),
+    [
+        (4e4, {'poses.tracker.use': False}, 'tracker'),
+        (0.0, {'poses.tracker.use': False}, 'tracker'),
+        (9e4, {'poses.tracker.use': False}, 'turned'),  # as much without either
+        (4e4, {'poses.tracker.orientation_std': 0.1}, 'turned'),
+        (0.0, {'imu.noise_density': 0.0}, 'turned'),  # of the gyro itself
+    ],
+)
+def test_a_gyro_that_seems_turned_follows_from_turned_poses(
+    without_gyro: float, left_out: dict[str, Setting], first: str
+) -> None:
+    gyro = Repair('gyro', {'imu.noise_density': 0.0})
+    remedies = {'tracker': Repair('tracker', left_out), 'gyro': gyro}
+    causes = (('tracker', 1e5), ('gyro', without_gyro))
+    given = replace(PUBLISHED, status='inconsistent', causes=causes, remedies=remedies)
+    found = with_reasons(given, [Reason('turned', 'conflict', gain=2e4, repair=replace(gyro, cause='turned'))])
+    assert [cause for cause, _ in found.causes] == [
+        first,
+        *[each for each in ('turned', 'tracker') if each != first],
+        'gyro',
+    ]
 
 
 def test_a_contradiction_with_a_size_is_the_cause_of_numbers_that_are_withheld_and_stands_once() -> None:
