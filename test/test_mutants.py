@@ -168,6 +168,8 @@ def test_the_tests_of_a_line_are_those_that_execute_it(project: Path) -> None:
     (project / NUMBERS).write_text(CORE + '\n')
     with pytest.raises(SystemExit, match='--record'):
         tests(7)
+    with pytest.raises(SystemExit, match='--record'):
+        record(project, project / 'records', ['test/test_numbers.py::test_first'], 0)
 
 
 TRIALS = """

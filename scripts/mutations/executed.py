@@ -110,6 +110,8 @@ def record(root: Path, folder: Path, tests: Iterable[str], processes: int) -> No
     append = ['--cov-append'] if [*tests] else []
     if not append:
         (folder / _COVERAGE).unlink(missing_ok=True)
+    elif json.loads((folder / _TESTS).read_text(encoding='utf-8'))['files'] != _digests(root):
+        raise SystemExit('the core has changed since the tests were recorded: run with --record, and no names of tests')
     command = [sys.executable, '-m', 'pytest', '-q', '-n', str(processes), '-p', 'mutations.executed']
     command += ['-p', 'no:cacheprovider', f'--cov={_MEASURED}', '--cov-report=', *append, *tests]
     environment = {'PYTHONPATH': paths, 'COVERAGE_FILE': str(folder / _COVERAGE), 'EXECUTED': str(folder / _TESTS)}
@@ -127,6 +129,10 @@ def _statement(path: str, line: int) -> range:
             if node.lineno <= line <= end:
                 found = range(node.lineno, end + 1)
     return found
+
+
+def _digests(root: Path) -> dict[str, str]:
+    return {str(each.relative_to(root)): _digest(each) for each in sorted((root / _MEASURED).rglob('*.py'))}
 
 
 def _digest(path: Path) -> str:
@@ -205,8 +211,7 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         return
     path = Path(os.environ['EXECUTED'])
     before = json.loads(path.read_text(encoding='utf-8')) if path.is_file() and session.config.option.cov_append else {}
-    root = session.config.rootpath
-    files = {str(each.relative_to(root)): _digest(each) for each in sorted((root / _MEASURED).rglob('*.py'))}
+    files = _digests(session.config.rootpath)
     parts = {'tests': _passed, 'fixtures': _kept, 'fixture_seconds': _fixture_seconds, 'files': files}
     path.write_text(json.dumps({name: before.get(name, {}) | part for name, part in parts.items()}), encoding='utf-8')
 

@@ -121,6 +121,12 @@ def last(messages: Said, parameters: Mapping[str, object]) -> Estimate:
     return heard(messages, parameters)[1][-1]
 
 
+@cache
+def by_odometry(seed: int) -> tuple[Estimate, ...]:
+    """Return the estimates of 11 s by joints and odometry alone."""
+    return tuple(heard(said(seed, 11.0, 'imu'), EXACT)[1])
+
+
 def test_cubics_are_interpolated_exactly_between_knots() -> None:
     place = np.array([[-0.3, 0.0], [0.4, 2.5], [4.7, 6.0]])
     weights = interpolation(place, 7)
@@ -159,9 +165,11 @@ def test_one_pose_is_a_position_and_an_orientation() -> None:
     assert two.std == pytest.approx(one.std, rel=1e-6)
 
 
-@pytest.mark.parametrize('world', [(), (0.3, -0.5, 1.0, 3.0, 2.0, 1.0)])
+@pytest.mark.parametrize(
+    'world', [pytest.param((), marks=pytest.mark.long), pytest.param((0.3, -0.5, 1.0, 3.0, 2.0, 1.0), id='world1')]
+)
 def test_motion_capture_beside_odometry_makes_estimates_sharper(world: tuple[float, ...], unchanged: Unchanged) -> None:
-    alone = last(said(0, 11.0, 'imu'), EXACT)
+    alone = by_odometry(0)[-1]
     read = poses('mocap', 0, 11.0, 100.0, (1e-4, 2e-5), world)
     names = {'poses.names': ['mocap'], 'poses.mocap.position_std': 1e-4, 'poses.mocap.orientation_std': 2e-5}
     both = last([*said(0, 11.0, 'imu'), *read], {**EXACT, **names, 'poses.mocap.same_world': not world})
@@ -171,9 +179,9 @@ def test_motion_capture_beside_odometry_makes_estimates_sharper(world: tuple[flo
     assert np.all(np.abs(normalised(both, ROBOT)) < 3.5)
 
 
-@pytest.mark.parametrize('link', ['link3', 'link7'])
+@pytest.mark.parametrize('link', [pytest.param('link3', marks=pytest.mark.long), 'link7'])
 def test_a_camera_on_the_arm_or_on_the_target_makes_estimates_sharper(link: str, unchanged: Unchanged) -> None:
-    alone = last(said(4, 11.0, 'imu'), EXACT)
+    alone = by_odometry(4)[-1]
     read = poses('mocap', 4, 11.0, 100.0, (1e-4, 2e-5), (0.3, -0.5, 1.0, 3.0, 2.0, 1.0), link=link)
     names = {'poses.names': ['mocap'], 'poses.mocap.position_std': 1e-4, 'poses.mocap.orientation_std': 2e-5}
     both = last([*said(4, 11.0, 'imu'), *read], {**EXACT, **names, 'poses.mocap.frame': link})
@@ -215,7 +223,7 @@ def test_calls_make_no_difference() -> None:
 def test_a_sensor_that_never_speaks_is_named_and_the_run_goes_on() -> None:
     session, estimates = heard(said(0, 11.0, 'imu'), {**EXACT, **TRACKER})
     assert 'poses.tracker is used, and nothing comes on tracker' in intake_warnings(session)
-    alone = heard(said(0, 11.0, 'imu'), EXACT)[1]
+    alone = by_odometry(0)
     # It is waited for, a second.
     before = next(each for each in alone if each.stamp == estimates[-1].stamp)
     assert estimates[-1].std == pytest.approx(before.std, rel=1e-9)

@@ -99,7 +99,8 @@ def test_a_gravity_gradient_that_is_not_declared_is_reported(place: list[float],
     assert any('set orbit.mean_motion' in warning for warning in last.warnings)
 
 
-@pytest.mark.parametrize('place', [[0.0, 0.0, 0.0], pytest.param(AWAY, marks=LONG)])
+@LONG
+@pytest.mark.parametrize('place', [[0.0, 0.0, 0.0], AWAY])
 def test_intervals_of_the_difference_form_allow_for_one(place: list[float]) -> None:
     run = simulated(SECONDS, initial__base_position=place, **given(declared('inertial', 0.5 * FAST)))
     last = identify(run, session(method='difference', orbit__undeclared_rate=0.5 * FAST))
@@ -138,6 +139,7 @@ def test_a_gravity_gradient_that_has_turned_too_far_is_no_quiet_error() -> None:
     assert 'set orbit.mean_motion' in next(each.causes[0][0] for each in reversed(reported) if each.causes)
 
 
+@LONG
 def test_no_orbit_is_none() -> None:
     run = simulated(SECONDS)
     last = identify(run, session(orbit__undeclared_rate=0.5 * FAST))
