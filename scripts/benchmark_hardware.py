@@ -206,11 +206,16 @@ BEARINGS = {'mass': (23.090, 23.824)}
 ALL = (
     Shipped('air-bearing-thrusters', BEARINGS, 'weighed, 23.09 and 23.82 kg', 'this one'),
     Shipped(
-        'the same, thrust declared to 2 %',
+        'the same, thrust to 2 %, a force of 0.05 N',
         BEARINGS,
         'weighed, 23.09 and 23.82 kg',
         'this one',
-        parameters=('thrust.scale_std:=0.02', 'thrust.direction_std:=0.02'),
+        parameters=(
+            'thrust.scale_std:=0.02',
+            'thrust.direction_std:=0.02',
+            'disturbance.force_std:=0.05',
+            'disturbance.torque_std:=0.005',
+        ),
     ),
     Recordings(
         'SPOT, March 2021',

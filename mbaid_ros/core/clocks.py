@@ -502,11 +502,11 @@ def restamped(windows: Sequence[Window], delay: float = 0.0, rate: float = 1.0) 
     return moved
 
 
-def declared_offset(config: TimeOffsetConfig) -> TimeOffset:
-    """Return the offset of the joints' stamps."""
-    return time_offset(config.prior_std if config.estimate else 0.0)
+def declared_offset(config: TimeOffsetConfig, *, jointed: bool = True) -> TimeOffset:
+    """Return the offset of the joints' stamps; none where there are no joints."""
+    return time_offset(config.prior_std if config.estimate and jointed else 0.0)
 
 
-def declared_drift(config: TimeOffsetConfig) -> ClockDrift:
-    """Return the drift of the joints' clock."""
-    return clock_drift(config.drift_std if config.estimate else 0.0)
+def declared_drift(config: TimeOffsetConfig, *, jointed: bool = True) -> ClockDrift:
+    """Return the drift of the joints' clock; none where there are no joints."""
+    return clock_drift(config.drift_std if config.estimate and jointed else 0.0)

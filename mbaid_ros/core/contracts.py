@@ -129,7 +129,7 @@ class Unknown:
     in_equations = True
     # Whether it changes the momentum with time.
     changes_momentum = False
-    pushes = False  # whether it is a force or torque that is constant, and so large that linearisation points follow it
+    pushes = False  # whether it is a force or torque so large that linearisation points follow it
     # Whether it is drawn anew for every motion.
     redrawn_per_motion = False
     # Whether it is drawn anew after every gap in the data.

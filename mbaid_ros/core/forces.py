@@ -70,8 +70,7 @@ class DisturbanceConfig:
     """Standard deviation of an external force along each axis, through the common centre of mass, different in every
     motion; 0: none."""
     force_time: float = parameter(0.0, 's', minimum=0.0)
-    """Time constant of the external force within a motion; 0: constant. A force that varies acts at a centre of mass
-    that is not known exactly: set torque_std, too, as the force times the error of its lever arm."""
+    """Time constant of the external force within a motion; 0: constant."""
     axes: str = parameter('body', choices=PUSH_AXES)
     """Axes of the external torque and force: body (the base), inertial, or orbit (LVLH of orbit.*)."""
 
@@ -336,10 +335,7 @@ class ExternalTorque(Disturbance):
             f'a {kind} of {with_band(value, std)} {unit} acts from outside', f'disturbance.{kind}_std', value, std, unit
         )
 
-    @property
-    def pushes(self) -> bool:  # type: ignore[override]
-        """Whether it is constant."""
-        return not self.model.time
+    pushes = True
 
     @property
     def time_constants(self) -> Array:

@@ -165,13 +165,14 @@ class Declared:
 
 @dataclass(frozen=True, eq=False)
 class MomentumDrift:
-    """The momentum (P, L) of windows less that at an instant, where constant forces act in between."""
+    """The momentum (P, L) of windows less that at an instant, where forces act in between."""
 
     starts: Array  # (W,) s, of the windows before, in order
     offsets: Array  # (W, 6) N s and N m s, of them
     instant: float  # s
     rate: Array  # (6,) N and N m, from then on
     mass: float  # kg, of the robot with the target for which it is
+    central: bool = True  # whether all forces act at the common centre of mass
 
     def of_mass(self, mass: float) -> MomentumDrift:
         """Return it for a robot of another mass (kg) that accelerates alike.
@@ -187,10 +188,17 @@ class MomentumDrift:
 
     def at(self, starts: Sequence[float]) -> Array:
         """Return that of windows, (B, 6), by their starts."""
-        time = np.array(starts)
-        place = np.clip(np.searchsorted(self.starts, time, side='right') - 1, 0, None)
-        after = (time - self.instant)[:, None]
-        return np.where(after < 0.0, self.offsets[place], after * self.rate)
+        after = (np.array(starts) - self.instant)[:, None]
+        return np.where(after < 0.0, self.offsets[self._places(starts)], after * self.rate)
+
+    def until_next(self, starts: Sequence[float], length: float) -> Array:
+        """Return the change (B, 6) from windows of a length (s) to the next, by their starts."""
+        changes = np.diff(self.offsets, axis=0, append=np.zeros((1, 6)))
+        before = (np.array(starts) < self.instant)[:, None]
+        return np.where(before, changes[self._places(starts)], length * self.rate)
+
+    def _places(self, starts: Sequence[float]) -> Integers:
+        return np.clip(np.searchsorted(self.starts, starts, side='right') - 1, 0, None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,10 +208,7 @@ class Point:
     parameters: Array  # (u,) of the prediction: P, L, phi, unknowns
     nuisance: Array  # (r,) the other unknowns
     nominal: NominalModel  # the nominal model there
-    force: Array = field(
-        default_factory=lambda: np.zeros(3)
-    )  # N, constant, inertial axes, at the common centre of mass
-    drift: MomentumDrift | None = None  # of the momentum before and after, where a constant force acts
+    drift: MomentumDrift | None = None  # of the momentum before and after, where a force acts
 
     @property
     def body(self) -> Array:
@@ -343,13 +348,13 @@ class Layout:
         """Return the state (s,) with a body (10,), a momentum (6,), and the unknowns as declared."""
         return np.concatenate((np.zeros(POSE.stop), momentum, body, self.known.mean))
 
-    def point(self, state: Array, deviation: Array | None = None, force: Array | None = None) -> Point:
-        """Return the linearisation point of a state (s,) with standard deviations (s,), and a force as of Point."""
+    def point(self, state: Array, deviation: Array | None = None) -> Point:
+        """Return the linearisation point of a state (s,) with standard deviations (s,)."""
         values = self.linearisation_state(state, deviation)
         nominal = NominalModel.nominal(self.kernel)
         for unknown, place in zip(self.unknowns, self.places, strict=True):
             nominal = unknown.applied_to(nominal, unknown.factor @ values[place])
-        return Point(values[self.parameters], values[self.nuisance], nominal, np.zeros(3) if force is None else force)
+        return Point(values[self.parameters], values[self.nuisance], nominal)
 
     def linearisation_state(self, state: Array, deviation: Array | None = None) -> Array:
         """Return the linearisation point (s,) of windows, for a state (s,) with standard deviations (s,)."""
@@ -364,6 +369,11 @@ class Layout:
         """Time constants (e,) of the unknowns' numbers, s; inf where they stay. Empty where all do."""
         times = np.concatenate([np.zeros(0), *(unknown.time_constants for unknown in self.unknowns)])
         return times if np.isfinite(times).any() else np.zeros(0)
+
+    @cached_property
+    def has_varying_push(self) -> bool:
+        """Whether a force or torque from outside varies within a motion."""
+        return any(each.pushes and np.isfinite(each.time_constants).any() for each in self.unknowns)
 
     @cached_property
     def noise_driven(self) -> Array:
@@ -431,6 +441,7 @@ class Variables:
     motion_change: Array = field(default_factory=lambda: np.zeros((0, 0)))
     # (e,) s, time constants of the unknowns' Gauss-Markov processes, inf of constants; empty where all are
     time_constants: Array = field(default_factory=lambda: np.zeros(0))
+    pushed: bool = False  # whether Gauss-Markov processes change the momentum
     # (e, w) factor of the unknowns' change over a gap in the data
     gap_change: Array = field(default_factory=lambda: np.zeros((0, 0)))
     # (v, v + 1) square-root information left by the run before the target changed, and z; else None
@@ -503,10 +514,11 @@ class Variables:
 
     @cached_property
     def persistent(self) -> Integers | slice:
-        """Indices of all others but the pose error."""
+        """Indices of all others but the pose error, and but a momentum that processes change."""
         if not self.time_constants.size:
             return slice(self.pose_size, None)
-        return np.setdiff1d(np.arange(self.pose_size, len(self.scale)), self.gauss_markov)
+        first = self.moving if self.pushed else self.pose_size
+        return np.setdiff1d(np.arange(first, len(self.scale)), self.gauss_markov)
 
     def autocorrelation(self, length: float) -> Array:
         """Return the autocorrelation (f,) of the Gauss-Markov processes after a length in s."""
@@ -666,6 +678,7 @@ def variables(layout: Layout, detector: PlaneDetector, declared: Declared) -> Va
         random_walk=_walks(layout),
         motion_change=_drawn_anew(numbers_of(unknowns, [each.redrawn_per_motion for each in unknowns]) & constant),
         time_constants=times,
+        pushed=any(each.changes_momentum and np.isfinite(each.time_constants).any() for each in unknowns),
         gap_change=_drawn_anew(numbers_of(unknowns, [each.redrawn_after_gap for each in unknowns])),
         mass_row=None if declared.total_mass is None else _mass_row(layout, declared.total_mass, basis * scale),
         sensors=layout.sensors,

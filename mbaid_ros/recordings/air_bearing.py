@@ -26,7 +26,7 @@ _FEWEST = 10  # rows
 # s from the pose of a row to the effect of its command: link, relay and valve. By the rotation of the published run.
 LATE = 0.12
 # s: the table's slope has moved the body by then as much as its thrusters have.
-_SPAN = (0.0, 60.0)
+_SPAN = (0.0, 54.0)
 _REPEATED = 8  # rows, after which a command that goes on is repeated: it acts for 1 s at most
 
 

@@ -68,9 +68,23 @@ def test_a_simulated_log_identifies_the_body(tmp_path: Path) -> None:
     assert std[0] < 0.06 * twin.truth[0]
 
 
+@pytest.mark.parametrize(('seed', 'force', 'torque'), [(13, 0.15, 0.0), (4, 0.15, 0.02)])
+def test_a_force_as_large_as_the_thrust_shows_no_mass(seed: int, force: float, torque: float, tmp_path: Path) -> None:
+    """Noise in the force that the filter sees would make the body seem lighter and better known."""
+    errors = Thrusters(force=force, torque=torque)
+    twin = air_bearing(tmp_path, seed, errors)
+    assert main(['air-bearing-thrusters', str(twin.log), '--output', str(tmp_path / 'bag')]) == 0
+    found = replayed(tmp_path, *(f'{name}:={value}' for name, value in errors.declared), bag=tmp_path / 'bag')
+    value, std = ((found[key]['mass'], found[key]['inertia']['izz']) for key in ('estimate', 'std'))
+    assert found['status'] == 'estimating'
+    assert all(abs(value[k] - twin.truth[9 * k]) < 2.5 * std[k] for k in (0, 1) if value[k] is not None)
+    assert std[0] > 0.04 * twin.truth[0]  # what the thrusters' own errors leave is 0.035
+
+
 @pytest.mark.long
 def test_thrust_declared_too_well_is_refused_and_names_the_thruster(tmp_path: Path) -> None:
-    found = replayed(tmp_path, *(f'thrust.{name}_std:=0.02' for name in ('scale', 'common_scale', 'direction')), code=4)
+    exact = [f'thrust.{name}_std:=0.02' for name in ('scale', 'direction')]
+    found = replayed(tmp_path, *exact, 'disturbance.force_std:=0.05', 'disturbance.torque_std:=0.005', code=4)
     assert found['status'] == 'inconsistent'
     assert 'thruster2' in found['causes'][0]['cause']
 

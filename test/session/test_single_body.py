@@ -124,6 +124,7 @@ def test_a_dead_thruster_is_named_and_may_be_declared() -> None:
     last = run(0, 0.1, strength=dead)[-1]
     assert last.status in {'inconsistent', 'not_identifiable'}
     assert 'thruster2' in last.causes[0][0]
+    assert run(0, 0.02, {'common_scale_std': 0.02}, strength=dead)[-1].status == last.status
     last = run(0, 0.1, {'thruster2.scale_std': 1.0}, strength=dead)[-1]
     assert last.status in {'estimating', 'converged'}
     assert abs(last.parameters[0] - MASS) < 4.0 * last.std[0]

@@ -187,7 +187,7 @@ class FilterPasses:
 
     def _point(self, gaussian: SquareRootInformation) -> Point:
         distribution = MeanAndCovariance.from_gaussian(gaussian, self.variables)
-        return self.layout.point(distribution.mean, distribution.deviation, distribution.central_force)
+        return self.layout.point(distribution.mean, distribution.deviation)
 
     def unpredicted(self, passed: WhitenedWindows, gaussian: SquareRootInformation, hypothesis: Hypothesis) -> Array:
         """Return by how much each window's way is not as predicted, (W, p), in units of pose errors.
@@ -251,7 +251,10 @@ def estimated_repair(distribution: MeanAndCovariance, layout: Layout, cause: str
     It is estimated with a prior so many times wider: with D = 1 - 1 / wider^2, mean m and covariance P of unit numbers
     become (1 - D P)^-1 m and (1 - D P)^-1 P.
     """
-    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+    placed = list(zip(layout.unknowns, layout.places, strict=True))
+    # What thrusters share is a cause by itself, and the name of their kind.
+    exactly = [each for each in placed if cause in each[0].labels]
+    for unknown, place in exactly or placed:
         rows = np.flatnonzero([belongs(label, cause) for label in unknown.labels])
         if len(rows):
             own = np.flatnonzero(np.any(unknown.factor[rows] != 0.0, axis=0))

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from mbaid_ros.core.contracts import STACK, Hypothesis, Stack, in_stacks, stacked
+from mbaid_ros.core.contracts import STACK, Axes, Hypothesis, Stack, in_stacks, stacked
 from mbaid_ros.core.filter.gaussian import SquareRootInformation
 from mbaid_ros.core.filter.hypotheses import (
     LONGEST,
@@ -24,9 +24,9 @@ from mbaid_ros.core.filter.hypotheses import (
     leader,
     update_bank,
 )
-from mbaid_ros.core.filter.linearise import LINEARISED, LinearisationCache
+from mbaid_ros.core.filter.linearise import LINEARISED, LinearisationCache, WhitenedWindow
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
-from mbaid_ros.core.geometry import Array, chi_square_limit
+from mbaid_ros.core.geometry import Array, Flags, chi_square_limit
 from mbaid_ros.core.gyro import angular_momentum
 from mbaid_ros.core.results.verdict import IMPOSSIBLE, Nonlinearity
 from mbaid_ros.core.robot.body import is_physical, physical_shift, project
@@ -171,10 +171,14 @@ class BatchIteration:
             windows += more
         return windows
 
-    def filter(self, windows: WhitenedWindows, bank: Bank) -> Work[Bank]:
-        """Return hypotheses updated by all windows."""
+    def filter(
+        self, windows: WhitenedWindows, bank: Bank, course: list[SquareRootInformation] | None = None
+    ) -> Work[Bank]:
+        """Return hypotheses updated by all windows; their Gaussians after each go into a course, if any."""
         for window, white in windows:
             bank = update_bank(bank, window, white, self.variables)
+            if course is not None:
+                course.append(leader(bank).gaussian)
             for _ in bank:
                 yield 1
         return bank
@@ -198,8 +202,8 @@ class BatchIteration:
         for _ in range(_MOST_ITERATIONS if damped else _ITERATIONS):
             try:
                 windows = yield from self.relinearise(stacks, point)
-                (filtered,) = yield from self.filter(windows, (prior(point),))
-                result = self._step(point, windows, filtered, mass_held=mass_held)
+                filtered, drift = yield from self._followed(windows, prior(point))
+                result = self._step(point, filtered, windows, drift, mass_held=mass_held)
             except np.linalg.LinAlgError:
                 # The step has led to a robot that cannot exist.
                 return None if result is None else replace(result, point=result.linearised_at, converged=False)
@@ -209,16 +213,29 @@ class BatchIteration:
                 back = before.size > 0 and reverses(step, before, result.deviation)
                 pace, before = 0.5 * pace if back else min(1.0, 1.5 * pace), step
                 held = result.linearised_at.state
-                slower = self.layout.point(held + pace * (point.state - held), force=point.force)
-                point = slower.drifting(point.drift)
+                point = self.layout.point(held + pace * (point.state - held)).drifting(point.drift)
             misfit = result.filtered.misfit / max(result.filtered.gaussian.measured, 1)
             least, idle = min(misfit, least), 0 if misfit < least else idle + 1
             if result.converged or (least > HOPELESS and idle >= _IDLE):
                 break
         return result
 
+    def _followed(
+        self, windows: WhitenedWindows, prior: HypothesisFilter
+    ) -> Work[tuple[HypothesisFilter, MomentumDrift | None]]:
+        """Return a hypothesis after all windows, and how forces change the momentum over them."""
+        course: list[SquareRootInformation] | None = [] if self.layout.has_varying_push else None
+        (filtered,) = yield from self.filter(windows, (prior,), course)
+        return filtered, momentum_drift(windows, filtered.gaussian, self.variables, self.layout, course)
+
     def _step(
-        self, held: Point, windows: WhitenedWindows, filtered: HypothesisFilter, *, mass_held: bool
+        self,
+        held: Point,
+        filtered: HypothesisFilter,
+        windows: WhitenedWindows,
+        drift: MomentumDrift | None,
+        *,
+        mass_held: bool,
     ) -> BatchResult:
         """Return the Gauss-Newton step from the point of linearisation, cut short where it leads far."""
         parameters = held.parameters
@@ -230,8 +247,7 @@ class BatchIteration:
         converged = is_converged(step, deviation)
         step *= trust_region(parameters, step)
         state[self.layout.parameters] = parameters + step
-        point = self.layout.point(state, distribution.deviation, distribution.central_force)
-        point = point.drifting(momentum_drift(windows, filtered.gaussian, self.variables, self.layout))
+        point = self.layout.point(state, distribution.deviation).drifting(drift)
         physical = correction < IMPOSSIBLE
         return BatchResult(point, held, windows, filtered, distribution, deviation, converged, physical, mass_held)
 
@@ -296,12 +312,14 @@ class BatchIteration:
         Second, the (10, 10) covariance of the body there.
         """
         try:
-            point = self.layout.point(distribution.mean + step, distribution.deviation, distribution.central_force)
+            point = self.layout.point(distribution.mean + step, distribution.deviation)
             windows = yield from self.relinearise(stacks, point)
+            prior = self.prior(filtered.hypothesis, filtered.longest_jump, point=point)
             drift = momentum_drift(windows, filtered.gaussian, self.variables, self.layout)
+            if self.layout.has_varying_push:
+                _, drift = yield from self._followed(windows, prior)
             if drift is not None:
                 windows = yield from self.relinearise(stacks, point.drifting(drift))
-            prior = self.prior(filtered.hypothesis, filtered.longest_jump, point=point)
             (moved,) = yield from self.filter(windows, (prior,))
             there = MeanAndCovariance.from_gaussian(moved.gaussian, self.variables)
         except np.linalg.LinAlgError:
@@ -311,28 +329,71 @@ class BatchIteration:
 
 
 def momentum_drift(
-    windows: WhitenedWindows, gaussian: SquareRootInformation, variables: Variables, layout: Layout
+    windows: WhitenedWindows,
+    gaussian: SquareRootInformation,
+    variables: Variables,
+    layout: Layout,
+    course: Sequence[SquareRootInformation] | None = None,
 ) -> MomentumDrift | None:
-    """Return how constant forces change the momentum over windows, from after the last; None where none acts.
+    """Return how forces change the momentum over windows, from after the last; None where none acts.
 
     Without it windows would be linearised at the momentum of another one, and seem to see the masses by that.
+
+    Parameters
+    ----------
+    gaussian : after the last window
+    course : Gaussians after each window, for the forces that vary; None to leave these out
     """
     axes, count = gaussian.axes, len(variables.scale)
-    if axes == 'none' and not any(each.pushes for each in layout.unknowns):
+    pushing = np.zeros(count, dtype=bool)
+    pushing[variables.first_unknown :] = numbers_of(layout.unknowns, [each.pushes for each in layout.unknowns])
+    pushing[variables.gauss_markov] &= course is not None
+    if axes == 'none' and not pushing.any():
         return None
     numbers = gaussian.mean_and_shift()[0]
-    acting = np.zeros(count, dtype=bool)
-    acting[variables.first_unknown :] = numbers_of(layout.unknowns, [each.pushes for each in layout.unknowns])
-    changes = [white.momentum_change[:, acting] @ numbers[:count][acting] for _, white in windows]
-    if axes != 'none':
-        forced = (white.force_impulse(axes) @ numbers[count:] for _, white in windows)
-        changes = [change + force for change, force in zip(changes, forced, strict=True)]
-    after = np.cumsum(np.array(changes)[::-1], axis=0)[::-1]
-    offsets = -after @ variables.to_state[MOMENTUM, variables.pose_size : variables.moving].T
-    last = windows[-1][0]
-    starts = np.array([window.start for window, _ in windows])
-    mass = layout.point(MeanAndCovariance.from_gaussian(gaussian, variables).mean).total_mass
-    return MomentumDrift(starts, offsets, last.start + last.length, -offsets[-1] / last.length, mass)
+    values = np.tile(numbers, (len(windows), 1))
+    if course is not None:
+        free = np.concatenate((np.arange(variables.moving), variables.gauss_markov))
+        values[:, free] = [each.given(numbers, free) for each in course]
+    whites = [white for _, white in windows]
+    impulses = _impulses(whites, values, pushing, axes, variables)
+    if course is None:
+        offsets = -np.cumsum(impulses[::-1], axis=0)[::-1]
+    else:
+        momenta = values[:, variables.pose_size : variables.moving]
+        offsets = momenta - impulses - momenta[-1]
+    last, length = windows[-1][0], whites[-1].length
+    return MomentumDrift(
+        starts=np.array([window.start for window, _ in windows]),
+        offsets=offsets @ variables.to_state[MOMENTUM, variables.pose_size : variables.moving].T,
+        instant=last.start + last.length,
+        rate=variables.to_state[MOMENTUM, variables.pose_size : variables.moving] @ impulses[-1] / length,
+        mass=layout.point(variables.state_columns(numbers[:count, None])[:, 0]).total_mass,
+        central=axes in {'none', 'inertial'},
+    )
+
+
+def _impulses(
+    whites: Sequence[WhitenedWindow], values: Array, pushing: Flags, axes: Axes, variables: Variables
+) -> Array:
+    """Return the changes (W, p) of the momentum from each window to the next by forces.
+
+    Parameters
+    ----------
+    values : (W, n) variables after each window, at the first knot of the next
+    pushing, axes : (v,) which of them are forces or torques; of a constant force
+    """
+    count = len(variables.scale)
+    at_begin, varying = values[:, :count].copy(), variables.gauss_markov
+    if varying.size:  # from v / kept to v
+        kept = variables.autocorrelation(whites[-1].length)
+        at_begin[:, varying] *= 0.5 * (1.0 + kept) / kept
+    pairs = zip(whites, at_begin[:, pushing], strict=True)
+    impulses = np.array([white.momentum_change[:, pushing] @ value for white, value in pairs])
+    if axes == 'none':
+        return impulses
+    forced = [white.force_impulse(axes) @ value for white, value in zip(whites, values[:, count:], strict=True)]
+    return np.asarray(impulses + forced)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from scipy.linalg.lapack import dgeqrf, dtpmqrt, dtpqrt, dtrtri, dtrtrs
 
 from mbaid_ros.core.contracts import Axes
 from mbaid_ros.core.filter.linearise import WhitenedWindow
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, Integers
 from mbaid_ros.core.odometry.model import BorderNoise
 from mbaid_ros.core.results.innovations import Innovations
 from mbaid_ros.core.state import OPEN_LENGTH, Point, Variables
@@ -220,6 +220,14 @@ class SquareRootInformation:
         if info:
             raise np.linalg.LinAlgError('a direction of the state has no information')
         return both[:, 0] + both[:, 1], both[:, 0]
+
+    def given(self, numbers: Array, free: Integers) -> Array:
+        """Return the mean of some variables where all others have given values (n,)."""
+        triangle, right = self.equations
+        others = np.ones(len(numbers), dtype=bool)
+        others[free] = False
+        left = right.sum(axis=1) - triangle[:, others] @ numbers[others]
+        return np.asarray(np.linalg.lstsq(triangle[:, free], left)[0])
 
     @property
     def factor(self) -> Array:

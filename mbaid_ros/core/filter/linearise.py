@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from mbaid_ros.core.contracts import Axes, Carried, Course, Motion, Observation, Sensor, Stack, stacked
-from mbaid_ros.core.geometry import Array, Integers, composed, cross, exp, skew
+from mbaid_ros.core.geometry import Array, Integers, composed, cross, exp, skew, unvec
 from mbaid_ros.core.joints.model import JointNoise, by_deflections, errors_in_variables_bias, joint_noise
 from mbaid_ros.core.odometry.model import (
     BorderNoise,
@@ -239,8 +239,8 @@ class WindowModel(ArrayRecord):
     joint_overlap: Array = field(default_factory=lambda: np.zeros((0, 0)))
     # (6, 6, r) covariance of the noise of the pose with that of its columns; (6, 6, 0) without
     position_noise: Array = field(default_factory=lambda: np.zeros((6, 6, 0)))
-    # (6, s + 1) change of (P, L) until the next window, as the lever arm of a constant force depends on the state,
-    # and a constant part; (6, 0) without
+    # (6, s + 1) change of (P, L) until the next window, as that by forces depends on the state, and a constant part;
+    # (6, 0) without
     leverage: Array = field(default_factory=lambda: np.zeros((6, 0)))
 
     def __post_init__(self) -> None:
@@ -503,7 +503,7 @@ def _momentum_change(
 ) -> tuple[Array, Array, Array]:
     """Return changes of the momentum until the next window, and the centre of mass, m.
 
-    The changes are by the unknowns, (B, 6, s), and by the lever arm of a constant force, (B, 6, s + 1).
+    The changes are by the unknowns, (B, 6, s), and by the lever arm of a force, (B, 6, s + 1).
 
     Parameters
     ----------
@@ -520,35 +520,42 @@ def _momentum_change(
             rates = unknown.momentum_rates(system, stack.windows[0].origin, ends, placed.rotation[:, 0])
             impulses[..., place] = length * rates @ unknown.factor
     centre = system[:, 1:4] / system[:, :1]
-    if not point.force.any():
+    if point.drift is None or not point.drift.central:
         return impulses, np.zeros((len(position), 6, 0)), centre
+    brought = point.drift.until_next(_starts(stack), length)
     leverage = np.zeros((len(position), 6, layout.size + 1))
-    leverage[:, 3:, :-1] = length * _torque_columns(layout, point, bodies, centre - position)
+    leverage[..., :-1] = _accelerated_columns(layout, point, bodies, system, brought, position)
     leverage[..., -1] = -leverage[..., :-1] @ point.state  # absolute parameters instead of deviations from the point
     return impulses, leverage, centre
 
 
-def _torque_columns(layout: Layout, point: Point, bodies: Bodies, arm: Array) -> Array:
-    """Return the derivatives (B, 3, s), by the state, of the torque of the point's force F at the centre of mass c.
+def _accelerated_columns(
+    layout: Layout, point: Point, bodies: Bodies, system: Array, change: Array, position: Array
+) -> Array:
+    """Return the derivatives (B, 6, s), by the state, of a change of (P, L) that forces bring, as accelerations are.
 
-    A robot that moves with the velocity a = F / M has P = M a and L = M c x a. With dP and dL their derivatives, the
-    one of c x F at a given F is dL - c x dP (initialisation.md, forces and drifts).
+    Forces are proportional to what they accelerate: noise in them, which may be large, shows no mass
+    (initialisation.md, forces and drifts). The change of (P, L) is the momentum of the robot at another motion, whose
+    joints rest.
 
     Parameters
     ----------
-    arm : (B, 3) m, from the base's origin to c
+    system, change : (B, 10) standard parameters of all bodies together; (B, 6)
+    position : (B, 3) m, of the base
     """
-    states, mass = bodies.states, np.sum(bodies.states.known[..., 0], axis=1)
-    velocity = np.zeros((len(arm), 6))
-    velocity[:, :3] = point.force / mass[:, None]
+    states, centre = bodies.states, system[:, 1:4] / system[:, :1]
+    about_centre = express(system, np.broadcast_to(np.eye(3), (len(system), 3, 3)), -centre)
+    spin = change[:, 3:] - cross(centre, change[:, :3])
+    turning = (np.linalg.pinv(unvec(about_centre[:, 4:]), rcond=1e-9, hermitian=True) @ spin[..., None])[..., 0]
+    twist = np.concatenate((change[:, :3] / system[:, :1] + cross(turning, position - centre), turning), axis=1)
     moving = replace(
         states,
-        body_twist=np.broadcast_to(velocity[:, None], states.body_twist.shape),
-        twist=velocity,
+        body_twist=np.broadcast_to(twist[:, None], states.body_twist.shape),
+        twist=twist,
         stored=np.zeros_like(states.stored),
         thrust=np.zeros_like(states.thrust),
     )
-    columns = np.zeros((len(arm), 6, layout.size))
+    columns = np.zeros((len(position), 6, layout.size))
     columns[..., BODY] = moving.regressor
     for unknown, place in zip(layout.unknowns, layout.places, strict=True):
         # Processes move the centre to and fro.
@@ -556,7 +563,8 @@ def _torque_columns(layout: Layout, point: Point, bodies: Bodies, arm: Array) ->
             by_unknown = unknown.momentum_columns(point.nominal.kernel, moving)
             if by_unknown is not None:
                 columns[..., place] = by_unknown @ unknown.factor
-    return np.asarray(columns[:, 3:] - skew(arm) @ columns[:, :3])
+    columns[:, 3:] += skew(position) @ columns[:, :3]  # about the origin instead of the base
+    return columns
 
 
 def _thrust_noise(stack: Stack, around: Midpoints, inside: slice) -> Array:

@@ -297,11 +297,6 @@ class MeanAndCovariance:
         mean, shift = variables.state_columns(both[:count]).T
         return MeanAndCovariance(gaussian, variables, mean, shift, force)
 
-    @property
-    def central_force(self) -> Array:
-        """The constant force at the common centre of mass, (3,) N in inertial axes; zero where none acts there."""
-        return self.force[:3] if self.gaussian.axes == 'inertial' else np.zeros(3)
-
     @cached_property
     def factor(self) -> Array:
         """Factor of the covariance of the state, (s, v), without the parts outside the variables."""

@@ -40,6 +40,8 @@ _CONFIRMING = 8  # windows that show whether a jump was an impulse: if the targe
 # Growth of the windows until the next search, so that all searches together cost three times the last; where the target
 # has a prior, at which it is linear until the data move it, five times.
 _GROWTH, _GROWTH_DESCRIBED = 1.5, 1.25
+# The same where forces vary: windows since the search are not linearised at the momentum that these have brought.
+_GROWTH_PUSHED = 1.1
 FIRST = 10  # windows before the first search: 5 s of motion, from which a batch start converges
 # The same of a target that was tracked before its capture, and windows up to which each is searched again: the arm may
 # begin to move in any, and show an inertia far from the one that all before are linearised at.
@@ -84,9 +86,9 @@ class LinearisationPoint:
         return self._relinearised(distribution, root, layout) if distance @ distance > _HELD else self
 
     def carried(self, start: float, drift: MomentumDrift | None) -> LinearisationPoint:
-        """Return it at the start of a window, s, with the momentum that a constant force has brought until then.
+        """Return it at the start of a window, s, with the momentum that forces have brought until then.
 
-        `drift` is that by the force as it is estimated now; None without one.
+        `drift` is that by the forces as they are estimated now; None without one.
         """
         before, point, reference = self.point.drift, self.point, self.reference
         if before is None and drift is None:
@@ -116,14 +118,14 @@ class LinearisationPoint:
         state[layout.parameters] = held.parameters + part * step
         # The next window continues the error chain of the last: at the same readings.
         state[layout.nuisance] = held.nuisance
-        point = layout.point(state, force=distribution.central_force).drifting(held.drift)
+        point = layout.point(state).drifting(held.drift)
         return LinearisationPoint(point, distribution.mean.copy() if part == 1.0 else self.reference)
 
 
 def _known(root: Array, variables: Variables) -> Array:
-    """Return the square-root information R of all but pose error, Gauss-Markov processes and a constant force."""
+    """Return the square-root information R of `persistent` variables."""
     first, count = variables.pose_size, len(variables.scale)
-    others = np.concatenate((np.arange(count, len(root)), variables.gauss_markov)).astype(int)
+    others = np.setdiff1d(np.arange(first, len(root)), np.arange(count)[variables.persistent])
     if not others.size:
         return root[first:, first:count]
     order = np.concatenate((others, np.arange(count)[variables.persistent]))
@@ -181,7 +183,7 @@ class Run:
         self._due = self._first  # number of windows at which the next search begins
         self._searched = 0  # windows in the latest search
         self._linearised_until = -np.inf  # s, start of the last of these
-        self._drift: MomentumDrift | None = None  # after the latest window, by a constant force
+        self._drift: MomentumDrift | None = None  # after the latest window, by forces
         self._accepted = self._confirmed = False  # whether the latest search has been, and then by the search after it
         self._consistent = True  # whether the latest search explains its windows
         self.contradicts_target = False  # whether the latest search contradicts the motion of a tracked target
@@ -260,7 +262,7 @@ class Run:
     def point(self) -> Point:
         """The point of the present estimate, if nothing drifts."""
         distribution = self.distribution_of_first()
-        return self._layout.point(distribution.mean, distribution.deviation, distribution.central_force)
+        return self._layout.point(distribution.mean, distribution.deviation)
 
     @property
     def deflections(self) -> Array:
@@ -354,7 +356,8 @@ class Run:
             white = self._linearised.whitened(ready, point)
             self._bank = update_bank(self._bank, ready, white, self._variables)
             gaussian = leader(self._bank).gaussian
-            self._drift = momentum_drift([(ready, white)], gaussian, self._variables, self._layout)
+            course = [gaussian] if self._layout.has_varying_push else None
+            self._drift = momentum_drift([(ready, white)], gaussian, self._variables, self._layout, course)
             if self.phase is Phase.INITIALISING:
                 self._check_newton_step(leader(self._bank))
         self._latest = leader(self._bank)
@@ -390,7 +393,7 @@ class Run:
         if not self._bank:
             return None
         distribution = MeanAndCovariance.from_gaussian(leader(self._bank).gaussian, self._variables)
-        return self._layout.point(distribution.mean, distribution.deviation, distribution.central_force)
+        return self._layout.point(distribution.mean, distribution.deviation)
 
     def _take_over(self, start: Start | None) -> None:
         """Go on from the outcome of a search; None where it has led to no robot that can exist."""
@@ -485,4 +488,5 @@ class Run:
         if self._variables.is_informed:
             return int(np.ceil(_GROWTH_DESCRIBED * windows))
         soon = not (self._accepted or gaussian.nis > HOPELESS * gaussian.measured)
-        return int(np.ceil(windows + max(_RETRY, _RETRY_PART * windows) if soon else _GROWTH * windows))
+        growth = _GROWTH_PUSHED if self._variables.pushed else _GROWTH
+        return int(np.ceil(windows + max(_RETRY, _RETRY_PART * windows) if soon else growth * windows))

@@ -103,6 +103,22 @@ def test_innovations_are_those_of_each_measurement_given_those_before(force: Axe
 
 
 @pytest.mark.parametrize('force', ['none', 'inertial'])
+def test_the_mean_of_some_variables_given_all_others(force: Axes) -> None:
+    """It is their mean and the regression on the deviation of the others."""
+    rng = np.random.default_rng(4)
+    space = variables(rng)
+    gaussian = SquareRootInformation.prior(space, force)
+    for model in (window(rng), window(rng)):
+        gaussian = update(gaussian, prepare(model, space))
+    mean, covariance = gaussian.mean_and_shift()[0], gaussian.factor @ gaussian.factor.T
+    free = np.array([2, 7, len(space.scale) - 1])
+    others = np.setdiff1d(np.arange(len(mean)), free)
+    away = 0.1 * rng.normal(size=len(mean)) * np.sqrt(np.diag(covariance))
+    regression = covariance[np.ix_(free, others)] @ np.linalg.inv(covariance[np.ix_(others, others)])
+    assert gaussian.given(mean + away, free) == pytest.approx(mean[free] + regression @ away[others], rel=1e-5)
+
+
+@pytest.mark.parametrize('force', ['none', 'inertial'])
 def test_a_window_without_a_measurement_leaves_the_gaussian_as_it_was(force: Axes) -> None:
     rng = np.random.default_rng(8)
     space = variables(rng)

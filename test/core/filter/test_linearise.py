@@ -12,16 +12,16 @@ from scipy.signal import lfilter
 from checked import central_difference
 from floating import true_momentum
 from mbaid_ros.core.clocks import time_offset
-from mbaid_ros.core.contracts import Stack
+from mbaid_ros.core.contracts import Stack, stacked
 from mbaid_ros.core.filter.linearise import predict
-from mbaid_ros.core.geometry import Array, exp, log, rotate
+from mbaid_ros.core.geometry import Array, exp, log, rotate, unvec
 from mbaid_ros.core.joints.model import joint_gains, joint_placements
 from mbaid_ros.core.links import independent_errors, known_bodies
 from mbaid_ros.core.odometry.model import odometry_scale
 from mbaid_ros.core.poses import NamedPoseConfig, PoseSensor, pose_errors
 from mbaid_ros.core.robot.model import express
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.state import LINEAR, POSE, Layout, Point
+from mbaid_ros.core.state import BODY, LINEAR, POSE, Layout, MomentumDrift, Point
 from mbaid_ros.core.windows import BEFORE, Knots, midpoints
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, drifting, kernel, observe
@@ -59,20 +59,53 @@ def at(robot: Layout, point: Array, delay: float = 0.0) -> Point:
     return robot.point(state(point, delay=delay))
 
 
-def test_the_lever_arm_of_a_force_follows_the_state(exact: Samples, point: Array) -> None:
+def test_what_forces_bring_follows_the_state_at_given_accelerations(exact: Samples, point: Array) -> None:
+    """The change of (P, L) is the momentum of the robot, its joints at rest, at one velocity and rate about c."""
     model = kernel('servicer7')
     links = known_bodies(model.model, independent_errors(model.known, 0.01))
     layout = Layout.from_unknowns(model, (links, joint_placements(model, *[[1e-2] * 7] * 3)))
     state = layout.state(point[6:], point[:6])
-    window, force, length = window_of(exact, 0.05), np.array([0.3, -0.2, 0.1]), 0.5
+    window, faster, turning = window_of(exact, 0.05), np.array([0.3, -0.2, 0.1]), np.array([0.02, 0.05, -0.03])
+    (stack,) = stacked([window])
 
-    def torque(x: Array) -> Array:
-        return np.cross(window_model(layout, window, layout.point(x)).centre, force)
+    def whole(x: Array) -> Array:
+        """Return the standard parameters of all bodies together near the end of the window, about the origin."""
+        at = layout.point(x)
+        middle, inside = stack.motion(at.nominal, 1)
+        _, bodies = predict(layout, middle.flat, at)
+        last, place = bodies[inside.stop - 1].states.configuration, middle.base_position[inside.stop - 1, 0]
+        own = at.nominal.kernel.body_parameters(x[BODY])
+        return np.sum(express(own, last.rotation, place + last.position), axis=0)
 
-    leverage = window_model(layout, window, layout.point(state, force=force)).leverage
-    expected = central_difference(torque, state, 1e-4 * np.maximum(np.abs(state), 1.0))
-    assert leverage[3:, LINEAR.start : -1] == pytest.approx(length * expected[:, LINEAR.start :], abs=1e-5)
-    assert leverage @ np.append(state, 1.0) == pytest.approx(np.zeros(6), abs=1e-12)
+    centre = whole(state)[1:4] / whole(state)[0]
+
+    def brought(x: Array) -> Array:
+        mass, first, inertia = whole(x)[0], whole(x)[1:4], unvec(whole(x)[4:])
+        velocity = faster - np.cross(turning, centre)  # of the point of all bodies that is at the origin
+        linear = mass * velocity + np.cross(turning, first)
+        return np.concatenate((linear, np.cross(first, velocity) + inertia @ turning))
+
+    change = brought(state)
+    drift = MomentumDrift(np.array([window.start]), -change[None], window.start + window.length, change, 1.0)
+    drifting = replace(layout.point(state), drift=drift)
+    leverage = window_model(layout, window, drifting).leverage
+    expected = central_difference(brought, state, 1e-4 * np.maximum(np.abs(state), 1.0))
+    assert leverage[:, LINEAR.start : -1] == pytest.approx(expected[:, LINEAR.start :], abs=1e-5)
+    assert leverage @ np.append(state, 1.0) == pytest.approx(np.zeros(6), abs=1e-9)
+
+
+def test_a_drift_changes_from_window_to_window_and_goes_on_after_them() -> None:
+    rng = np.random.default_rng(2)
+    offsets, rate = rng.normal(size=(3, 6)), rng.normal(size=6)
+    drift = MomentumDrift(np.array([0.1, 0.6, 1.1]), offsets, 1.6, rate, 20.0)
+    # Windows begin where the ones before end, to rounding.
+    begins = [0.1, 0.6 + 1e-15, 1.1, 1.6, 2.1]
+    assert drift.at(begins) == pytest.approx(np.vstack((offsets, np.zeros(6), 0.5 * rate)))
+    changes = (offsets[1] - offsets[0], offsets[2] - offsets[1], -offsets[2], 0.5 * rate, 0.5 * rate)
+    assert drift.until_next(begins, 0.5) == pytest.approx(np.array(changes))
+    heavier = drift.of_mass(50.0)
+    assert heavier.at(begins) == pytest.approx(2.5 * drift.at(begins))
+    assert heavier.since(2.1).at([2.6]) == pytest.approx(1.25 * rate[None])
 
 
 @pytest.mark.parametrize('correlation_time', [0.0, 0.3])
