@@ -163,8 +163,8 @@ class EstimatorConfig:
     twist_frame: str = parameter('child', choices=TWIST_FRAMES)
     """Frame of the twist in the Odometry: child (child_frame_id, the ROS convention) or inertial (header.frame_id)."""
     continue_from: str = parameter('')
-    """JSON file of replay, of a run of the same robot and target with the same parameters: this run goes on from what
-    that one has taught, but for the momentum."""
+    """JSON file of replay, of a run with the same robot, target and parameters: this run starts from its result, with a
+    new momentum."""
     repair: bool = parameter(default=False)
     """Take the leading cause of a contradiction into account and start the run again, at most three times within the
     first 300 s: only for method trajectory, and runs that begin after the capture."""

@@ -63,8 +63,8 @@ class _Tracking:
 @dataclass(frozen=True)
 class _Lag:
     lag_std: float = parameter(0.0, 's', minimum=0.0, maximum=1.0)
-    """Standard deviation of how much later every joint is read than its stamp, beside time_offset, as by a filter or a
-    driver that reads one joint after the other; 0: not at all."""
+    """Standard deviation of every joint's lag behind its stamp, beside time_offset, as of a filter, or of a driver that
+    reads one joint after the other; 0: none."""
 
 
 @dataclass(frozen=True)
