@@ -16,7 +16,7 @@ from mbaid_ros.core.results.verdict import Reason
 from mbaid_ros.core.robot.model import Configuration, PlaneDetector
 from mbaid_ros.core.robot.momentum import BodyStates, MomentumKernel
 from mbaid_ros.core.samples import Samples, Stamps
-from mbaid_ros.core.windows import Knots, Midpoints, Window, at_the_base, midpoints, with_joints_later
+from mbaid_ros.core.windows import Knots, Midpoints, Window, at_the_base, midpoints, with_gears, with_joints_later
 
 _LARGEST_SIZE = 100.0  # that is tried (intervals.md, eq. 3): beyond it, how many times is not known
 CLEAR = 4.0  # standard deviations, from which a delay is one: joints are moved in time at the price of noise in them
@@ -42,6 +42,8 @@ class NominalModel:
     gyro: Array = field(default_factory=lambda: np.zeros(12))
     # (n,) s, by how much each joint is read later than that; empty is not at all
     lags: Array = field(default_factory=lambda: np.zeros(0))
+    # (n, 3) how each joint deviates from its reading by sine (rad or m), cosine and proportion of it; empty is not
+    gears: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @staticmethod
     def nominal(kernel: MomentumKernel) -> NominalModel:
@@ -492,6 +494,8 @@ class Stack:
             middle = replace(middle, further=np.concatenate((own - errors, others), axis=-1))
         if nominal.delay != 0.0 or nominal.lags.any():
             middle = with_joints_later(middle, nominal.delay, nominal.lags, self.windows[0].spacing)
+        if nominal.gears.size:
+            middle = with_gears(middle, nominal.gears)
         if nominal.zeros.any():
             middle = replace(middle, joint_position=middle.joint_position + nominal.zeros)
         first, last, _ = self.windows[0].inside.indices(len(middle))

@@ -299,6 +299,18 @@ def with_joints_later(middle: Midpoints, late: float, lags: Array, spacing: floa
     )
 
 
+def with_gears(middle: Midpoints, gears: Array) -> Midpoints:
+    """Return the joints' motion where each deviates from its reading by its own angle; (n, 3) as of `NominalModel`."""
+    position, rate = middle.joint_position, middle.joint_velocity
+    by_sine, by_cosine, by_angle = gears.T
+    sine, cosine = np.sin(position), np.cos(position)
+    return replace(
+        middle,
+        joint_position=position + by_sine * sine + by_cosine * cosine + by_angle * position,
+        joint_velocity=rate * (1.0 + by_sine * cosine - by_cosine * sine + by_angle),
+    )
+
+
 def gradient(values: Array) -> Array:
     """Return the slope of (J, ...) per step: half the difference of the neighbours, at the ends of the parabola."""
     return _slope(values[1:] - values[:-1])

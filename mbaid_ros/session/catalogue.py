@@ -41,12 +41,13 @@ from mbaid_ros.core.gyro import (
 from mbaid_ros.core.joints.faults import joints_in_degrees, reversed_joints, swapped_joints
 from mbaid_ros.core.joints.model import (
     SUSPECTED_LAG,
+    declared_gears,
     declared_lags,
     declared_placements,
     declared_tracking,
-    geared_joints,
     joint_lags,
     joint_placements,
+    suspected_gears,
 )
 from mbaid_ros.core.links import independent_errors, known_bodies, mistaken_masses
 from mbaid_ros.core.odometry.faults import axis_conventions, inverted_marker, mistaken_poses
@@ -96,6 +97,7 @@ def unknowns(config: EstimatorConfig, kernel: MomentumKernel) -> tuple[Unknown, 
         *declared_thrusters(config.thrust, model),
         declared_tracking(config.known_joints, model),
         declared_lags(config.known_joints, model),
+        declared_gears(config.known_joints, model),
         *declared_springs(config.flexible, kernel),
         declared_mount(config.odometry_mount, located=odometry),
         *(declared_gyro(gyros[each.name], each, among=len(gyros) > 1) for each in _gyro_sensors(config, model)),
@@ -208,7 +210,7 @@ def suspects(kernel: MomentumKernel) -> tuple[Unknown, ...]:
         TwistLate(np.array([[3e-4]]), (LATE,)),
         twist_bias(1e-5, 0.0),
         twist_bias(0.0, 1e-4),
-        geared_joints(model.joint_names),
+        suspected_gears(model.joint_names),
         joint_lags(model.joint_names, [SUSPECTED_LAG] * model.joints),
     )
 

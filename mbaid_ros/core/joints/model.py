@@ -68,12 +68,22 @@ class _Lag:
 
 
 @dataclass(frozen=True)
-class SingleJointDeviations(_Lag, _Tracking, JointDeviations):
+class _Gear:
+    turn_std: float = parameter(0.0, 'rad', minimum=0.0)
+    """Standard deviation of how far every joint is from its reading with its own angle, sine and cosine once a turn:
+    an eccentric gear or encoder; m for a prismatic joint; 0: not at all."""
+    scale_std: float = parameter(0.0, minimum=0.0, maximum=1.0)
+    """Relative standard deviation of every joint's reading, proportional to it: a wrong number of counts or gear; 0:
+    exact."""
+
+
+@dataclass(frozen=True)
+class SingleJointDeviations(_Gear, _Lag, _Tracking, JointDeviations):
     """Standard deviations of a single joint, in place of those of all."""
 
 
 @dataclass(frozen=True)
-class KnownJointsConfig(_Lag, _Tracking, JointDeviations):
+class KnownJointsConfig(_Gear, _Lag, _Tracking, JointDeviations):
     """The uncertainty of the joints."""
 
     joints: Mapping[str, Mapping[str, float]] = by_name(SingleJointDeviations, 'joint')
@@ -265,24 +275,39 @@ def tracking_repair(name: str, size: float, kernel: MomentumKernel) -> Repair:
 
 
 @dataclass(frozen=True, eq=False)
-class GearedJoints(Linear):
-    """Of each joint: how it deviates from its reading with its own angle, by sine and cosine of that (rad or m)."""
+class GearedJoints(Unknown):
+    """Of each joint: how it deviates from its reading with its own angle, by sine, cosine and proportion of that.
+
+    The first two in rad (m), the third relative.
+    """
 
     words: ClassVar = {
         GEARED: Words(
-            deviation=lambda name, value: (
-                f'{name} is flexible or geared: it deviates by {1e3 * np.linalg.norm(value):.2g} mrad (mm) from its '
-                'encoder with its angle'
-            )
+            'gears and scales of the joints',
+            'known_joints.turn_std',
+            'the gear of {}: calibrate it over a turn (known_joints)',
+            lambda name, value: (
+                f'{name} is flexible or geared: it deviates from its encoder with its angle, by '
+                f'{_once_a_turn(value)} and {100.0 * np.sum(value[2:]):+.2g} % of the angle'
+            ),
         )
     }
-    of_measurement = False
+    in_equations = False
     moves_joints = True
 
     def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
-        """Return the joint as far from its reading as its gear takes it."""
-        del std
-        return tracking_repair(cause.partition(':')[2], float(np.linalg.norm(value)), kernel)
+        """Return the joint as far from its reading, once a turn and in proportion, as it is found to be."""
+        del kernel
+        name, turn = cause.partition(':')[2], float(np.max(np.abs(value[:2])))
+        text = (
+            f'{name} deviates from its encoder with its angle, by {_once_a_turn(value)} and '
+            f'{with_band(value[2:], std[2:], 100.0)} % of the angle'
+        )
+        wider: dict[str, Setting] = {
+            f'known_joints.{name}.turn_std': widened(turn),
+            f'known_joints.{name}.scale_std': widened(abs(float(value[2])), 1.0),
+        }
+        return Repair(text, wider, None, numbers(value), numbers(std), '')
 
     def deflections(self, position: Array, rate: Array, acceleration: Array) -> tuple[Array, Array]:
         """Return the contribution of each number to the position of its own joint, and to its rate."""
@@ -291,15 +316,34 @@ class GearedJoints(Linear):
         joints = np.eye(position.shape[1])[:, :, None]
         places, rates = (
             (joints * np.stack(part, axis=-1)[:, :, None, :]).reshape(*position.shape, -1)
-            for part in ((sine, cosine), (cosine * rate, -sine * rate))
+            for part in ((sine, cosine, position), (cosine * rate, -sine * rate, rate))
         )
         return places, rates
 
+    def applied_to(self, nominal: NominalModel, value: Array) -> NominalModel:
+        """Return the nominal model with these gears."""
+        return replace(nominal, gears=value.reshape(-1, 3) if value.any() else np.zeros((0, 3)))
 
-def geared_joints(names: Sequence[str]) -> GearedJoints:
-    """Return them as nearly exact, for joints of these names."""
-    labels = tuple(f'{GEARED}:{name}' for name in names for _ in range(2))
-    return GearedJoints(_GEARED_STD * np.eye(len(labels)), labels)
+    def in_plane(self, detector: PlaneDetector) -> GearedJoints:
+        """Return it as it is: joints only move in the plane."""
+        del detector
+        return self
+
+
+def _once_a_turn(value: Array) -> str:
+    return f'{1e3 * np.linalg.norm(value[:2]):.2g} mrad (mm) once a turn'
+
+
+def geared_joints(names: Sequence[str], turns: Sequence[float], scales: Sequence[float]) -> GearedJoints:
+    """Return them as unknowns of standard deviations, rad and relative, each; 0: none."""
+    labels = tuple(f'{GEARED}:{name}' for name in names for _ in range(3))
+    return GearedJoints(diagonal(np.column_stack((turns, turns, scales)).ravel()), labels)
+
+
+def suspected_gears(names: Sequence[str]) -> GearedJoints:
+    """Return them as nearly exact."""
+    nearly = [_GEARED_STD] * len(names)
+    return geared_joints(names, nearly, nearly)
 
 
 @dataclass(frozen=True, eq=False)
@@ -557,6 +601,15 @@ def declared_tracking(config: KnownJointsConfig, model: RobotModel) -> JointTrac
     """
     deviations = joint_values(config, 'tracking_std', model)
     return joint_tracking(model.joint_names, deviations, (_TRACKING_TIME,) * len(deviations))
+
+
+def declared_gears(config: KnownJointsConfig, model: RobotModel) -> GearedJoints:
+    """Return the gears and scales of joints.
+
+    Raises ParameterError: As of `joint_values`.
+    """
+    turns, scales = (joint_values(config, name, model) for name in ('turn_std', 'scale_std'))
+    return geared_joints(model.joint_names, turns, scales)
 
 
 def declared_lags(config: KnownJointsConfig, model: RobotModel) -> JointLags:

@@ -31,34 +31,37 @@ def state(robot: MomentumKernel, start: Array, numbers: Array) -> Array:
     return np.concatenate((np.zeros(6), start, robot.target.parameters, numbers))
 
 
+@pytest.mark.parametrize('taken', [0.0, 0.8])
+@pytest.mark.parametrize('numbers', [(SIZE, 0.0, 0.0), (0.3 * SIZE, -0.5 * SIZE, 0.4 * SIZE)])
 def test_joints_that_deviate_with_their_angle_leave_nothing_in_a_window(
-    servicer7: MomentumKernel, tumbling: Truth, start: Array
+    servicer7: MomentumKernel, tumbling: Truth, start: Array, numbers: tuple[float, ...], taken: float
 ) -> None:
-    own = np.eye(servicer7.model.joints)[JOINT]
+    """Also where windows are linearised at a part of the deviation."""
+    own, joints = np.eye(servicer7.model.joints)[JOINT], servicer7.model.joints
     angle = tumbling.joint_position[:, JOINT, None]
-    off = SIZE * np.sin(angle)
+    off = numbers[0] * np.sin(angle) + numbers[1] * np.cos(angle) + numbers[2] * angle
     window = window_of(observe(replace(tumbling, joint_position=tumbling.joint_position - off * own), MID), SPACING)
-    unknown = geared_joints(servicer7.model.joint_names)
+    unknown = geared_joints(servicer7.model.joint_names, [SIZE] * joints, [SIZE] * joints)
     layout = Layout.from_unknowns(servicer7, (unknown,))
-    numbers = np.zeros((servicer7.model.joints, 2))
-    nothing, numbers[JOINT] = numbers.ravel().copy(), (SIZE, 0.0)
+    whole = np.outer(own, numbers).ravel()
     found = []
-    for each in (nothing, numbers.ravel()):
-        here = layout.point(state(servicer7, start, nothing))
+    for each in (np.zeros(3 * joints), whole):
+        here = layout.point(state(servicer7, start, taken * whole / SIZE))
         x = state(servicer7, start, np.linalg.solve(unknown.factor, each))
         model = window_model(layout, window, here)
         x[:6] = np.linalg.solve(model.pose.rows[:, :6], residuals(model, x)[0])
         found.append(np.abs(residuals(model, x)[1]).max())
     assert found[1] < 0.05 * found[0]
-    assert len(state(servicer7, start, nothing)) == layout.size == BODY.stop + 2 * servicer7.model.joints
+    assert layout.size == BODY.stop + 3 * joints
 
 
 def test_a_gear_moves_its_joint_at_the_rate_of_its_deflection() -> None:
-    """By sine and by cosine of the angle; of no other joint."""
-    unknown = geared_joints(['elbow', 'wrist', 'hand'])
+    """By sine and cosine of the angle, and in proportion to it; of no other joint."""
+    unknown = geared_joints(['elbow', 'wrist', 'hand'], [1e-3] * 3, [1e-3] * 3)
     angle, rate = generic(0, 1, 3), generic(1, 1, 3)
     places, rates = unknown.deflections(angle, rate, 0.0 * rate)
-    assert places[0, 1] == pytest.approx([0.0, 0.0, np.sin(angle[0, 1]), np.cos(angle[0, 1]), 0.0, 0.0])
+    own = [np.sin(angle[0, 1]), np.cos(angle[0, 1]), angle[0, 1]]
+    assert places[0, 1] == pytest.approx([*(0.0,) * 3, *own, *(0.0,) * 3])
 
     def deflected(time: Array) -> Array:
         return unknown.deflections(angle + time * rate, rate, 0.0 * rate)[0][0]
@@ -101,6 +104,17 @@ def test_the_lag_of_one_joint_and_those_of_all_are_causes_with_repairs(servicer7
     assert unknown.repair('lag', sizes, 0.1 * sizes, servicer7).parameters == {'known_joints.lag_std': 0.05}
     assert unknown.part('lag:joint2').count == 1
     assert unknown.part('lag').count == unknown.count == unknown.without(['lag:joint2']).count + 1
+
+
+def test_a_gear_and_a_scale_are_a_cause_with_a_repair(servicer7: MomentumKernel) -> None:
+    names = servicer7.model.joint_names
+    unknown = geared_joints(names, [0.0, 0.01, *(0.0,) * (len(names) - 2)], [0.02] * len(names))
+    assert unknown.count == len(names) + 2  # 0 is exact
+    value = np.array([0.03, -0.01, 0.004])
+    assert deviation_text('geared:joint2', value).startswith('joint2 is flexible or geared: it deviates')
+    repair = unknown.repair('geared:joint2', value, 0.01 * value, servicer7)
+    assert '32 mrad (mm) once a turn and +0.4' in repair.cause
+    assert repair.parameters == {'known_joints.joint2.turn_std': 0.05, 'known_joints.joint2.scale_std': 0.01}
 
 
 WANDER, TIME = 1e-3, 2.0  # rad, s: the time constant is that of tracking errors that are declared
