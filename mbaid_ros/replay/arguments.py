@@ -86,7 +86,7 @@ def _plan_parser() -> ArgumentParser:
         'plan',
         'Plan the joint motion that reduces the uncertainty of a run most, or the shortest one that reaches a wanted\n'
         'precision, within the limits of the joints (URDF) and of the base.\n'
-        'It moves nothing. The parameters plan.* hold the wanted precision and the limits: relative_std, duration,\n'
+        'It moves nothing. The parameters plan.* set the wanted precision and the limits: relative_std, duration,\n'
         'joint_velocity, joint_acceleration, base_rotation, base_translation, base_rate, deflection, stuck, ...\n'
         'Ctrl-C takes the best motion so far.\n'
         'Exit code: 0 the motion reaches the precision, 2 bad input, 3 no motion within the limits does: the best is\n'
