@@ -149,6 +149,14 @@ def _link_deviation(name: str, value: Array) -> str:
     )
 
 
+def _weight_deviation(name: str, value: Array) -> str:
+    heavier = 'heavier' if value[0] > 0.0 else 'lighter'
+    return (
+        f'link {name} is {abs(value[0]):.3g} kg {heavier} than described, throughout: weigh it and correct its '
+        'inertial, or raise known_links.relative_std'
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class KnownBodies(Unknown):
     """Errors of the standard parameters (m, h, I_o) of b moving bodies, each in its own frame."""
@@ -164,7 +172,7 @@ class KnownBodies(Unknown):
             _link_deviation,
         ),
         'mass': Words(parameter='known_links.relative_std'),
-        'density': Words(parameter='known_links.relative_std'),
+        'density': Words(parameter='known_links.relative_std', deviation=_weight_deviation),
     }
     calibrated = True
 
@@ -197,6 +205,12 @@ class KnownBodies(Unknown):
         body = kernel.known[kernel.model.link(name).body]
         if body[0] + value[0] <= 0.0:
             return None
+        heavier = 'heavier' if value[0] > 0.0 else 'lighter'
+        text = f'link {name} is {abs(value[0]):.3g} ± {BAND * std[0]:.2g} kg {heavier}'
+        if cause.startswith('density'):
+            own = f'known_links.{name}.mass_relative_std'
+            wider = widened(abs(float(value[0])) / body[0], 1.0)
+            return Repair(text, {own: wider}, value=float(value[0]), std=float(std[0]), unit='kg')
         before, after = physical(body), physical(body + value)
         # The inertia is declared at a given mass, relative to the mean moment.
         change = after[4:] - after[0] / before[0] * before[4:]
@@ -212,11 +226,13 @@ class KnownBodies(Unknown):
         ):
             if (wider := widened(float(size), most)) > given:
                 parameters[f'known_links.{name}.{part}'] = wider
-        heavier = 'heavier' if value[0] > 0.0 else 'lighter'
         moved = float(np.linalg.norm((after - before)[1:4]))
-        text = f'link {name} is {abs(value[0]):.3g} ± {BAND * std[0]:.2g} kg {heavier}, its centre of mass'
         return Repair(
-            f'{text} {1e3 * moved:.3g} mm off', parameters, value=numbers(value[:1]), std=float(std[0]), unit='kg'
+            f'{text}, its centre of mass {1e3 * moved:.3g} mm off',
+            parameters,
+            value=numbers(value[:1]),
+            std=float(std[0]),
+            unit='kg',
         )
 
     def momentum_columns(self, kernel: MomentumKernel, states: BodyStates) -> Array:
@@ -255,6 +271,13 @@ def known_bodies(model: RobotModel, errors: KnownErrors, known: Array | None = N
     labels = tuple(f'link:{name}' for name in _names(model, errors.bodies) for _ in range(10))
     described = () if known is None else tuple(known[list(errors.bodies)])
     return KnownBodies(errors.factor, labels, errors.bodies, described)
+
+
+def densities(model: RobotModel, known: Array, std: float) -> KnownBodies:
+    """Return one number for each known body (n + 1, 10) with mass: how much heavier it is, the same otherwise."""
+    bodies = np.flatnonzero(known[:, 0] > 0.0).tolist()
+    labels = tuple(f'density:{name}' for name in _names(model, bodies) for _ in range(10))
+    return KnownBodies(block_diag(*(std * known[body, :, None] for body in bodies)), labels, tuple(bodies))
 
 
 def _names(model: RobotModel, bodies: Sequence[int]) -> list[str]:

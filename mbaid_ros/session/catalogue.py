@@ -49,7 +49,7 @@ from mbaid_ros.core.joints.model import (
     joint_placements,
     suspected_gears,
 )
-from mbaid_ros.core.links import independent_errors, known_bodies, mistaken_masses
+from mbaid_ros.core.links import densities, independent_errors, known_bodies, mistaken_masses
 from mbaid_ros.core.odometry.faults import axis_conventions, inverted_marker, mistaken_poses
 from mbaid_ros.core.odometry.model import (
     LATE,
@@ -77,6 +77,7 @@ from mbaid_ros.core.wheels import declared_wheels
 
 # Standard deviations of values set as exact, where a contradicted run is tried without them: s, rad or m; of a link.
 _EXACT, _EXACT_LINK = 2e-5, 1e-4
+_EXACT_MASS = 2e-4  # relative, of a link that is heavier throughout: a thousand times as much is a plausible error
 
 
 def unknowns(config: EstimatorConfig, kernel: MomentumKernel) -> tuple[Unknown, ...]:
@@ -201,6 +202,7 @@ def suspects(kernel: MomentumKernel) -> tuple[Unknown, ...]:
     each = np.full(model.joints, _EXACT)
     return (
         known_bodies(model, independent_errors(kernel.known, _EXACT_LINK), kernel.known),
+        densities(model, kernel.known, _EXACT_MASS),
         joint_placements(kernel, *(each.tolist(),) * 3),
         odometry_mount(_EXACT, _EXACT),
         time_offset(_EXACT),

@@ -218,6 +218,7 @@ def test_a_part_of_an_unknown_has_the_numbers_of_one_cause() -> None:
         (underestimated_text('odometry scale', 96.0), 'scale) look 100 or more times as far off as specified'),
         (underestimated_text('zero', 9.4), 'raise known_joints.zero_std'),
         (deviation_text('link:arm', np.array([-2.0, 0.1, 0.2, 0.3, *[0.0] * 6])), 'it looks 2 kg lighter'),
+        (deviation_text('density:arm', np.array([2.0, *[0.0] * 9])), 'link arm is 2 kg heavier than described'),
         (deviation_text('link:arm', np.array([2.0, 0.1, 0.2, 0.3, *[0.0] * 6])), 'it looks 2 kg heavier'),
         (deviation_text('origin:elbow', np.array([3e-3, 4e-3, 0.0])), 'the origin of elbow is off by 5 mm'),
         (deviation_text('zero:elbow', np.array([3e-3])), 'the zero of elbow is off by +3 mrad (mm)'),

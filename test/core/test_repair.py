@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from checked import some
 from mbaid_ros.core.forces import DisturbanceModel, disturbance_repair
 from mbaid_ros.core.geometry import Array, exp, mirror, rotation_from_quaternion
-from mbaid_ros.core.links import known_bodies
+from mbaid_ros.core.links import densities, known_bodies
 from mbaid_ros.core.repair import Conversion, Repair, leading_repair, widened
 from mbaid_ros.core.robot.body import physical, standard
 from mbaid_ros.core.robot.momentum import MomentumKernel
@@ -73,6 +74,16 @@ def test_a_link_is_declared_as_uncertain_as_its_mass_centre_and_inertia_are_off(
     declared = {'mass_relative_std': widened(0.3), 'com_std': widened(0.03), 'inertia_relative_std': widened(0.2)}
     assert repair.parameters == pytest.approx({f'{name}.{part}': size for part, size in declared.items()})
     assert unknown.repair('link:link3', -1.1 * servicer7.known[place], np.full(10, 0.1), servicer7) is None
+
+
+def test_a_link_that_is_heavier_throughout_has_a_wider_mass(servicer7: MomentumKernel) -> None:
+    unknown, base = densities(servicer7.model, servicer7.known, 2e-4), servicer7.known[0]
+    np.testing.assert_allclose(unknown.factor[:10, 0], 2e-4 * base)
+    assert not unknown.factor[10:, 0].any()
+    repair = some(unknown.repair('density:base_link', 0.15 * base, 0.01 * base, servicer7))
+    assert repair.parameters == {'known_links.base_link.mass_relative_std': widened(0.15)}
+    assert repair.value == pytest.approx(0.15 * base[0])
+    assert unknown.repair('density:base_link', -1.1 * base, 0.01 * base, servicer7) is None
 
 
 def test_a_sign_and_exchanged_joints_are_converted() -> None:

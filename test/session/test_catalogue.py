@@ -12,9 +12,11 @@ from observed import kernel
 def test_suspects_widen_nothing_by_themselves() -> None:
     """Each is tried with a prior of a thousandth of a plausible value: some per mille, milliradians, ms, mm/s."""
     robot = kernel('servicer7')
-    bodies, *others = suspects(robot)
-    assert isinstance(bodies, KnownBodies)
-    masses = np.linalg.norm(bodies.factor[::10], axis=1) / robot.known[list(bodies.bodies), 0]
-    sizes = [*masses.tolist(), *(float(np.max(np.abs(each.factor))) for each in others)]
+    bodies, densities, *others = suspects(robot)
+    sizes: list[float] = []
+    for links in (bodies, densities):
+        assert isinstance(links, KnownBodies)
+        sizes += (np.linalg.norm(links.factor[::10], axis=1) / robot.known[list(links.bodies), 0]).tolist()
+    sizes += [float(np.max(np.abs(each.factor))) for each in others]
     assert max(sizes) <= 1e-3
     assert min(sizes) > 0.0

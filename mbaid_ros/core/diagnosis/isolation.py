@@ -163,8 +163,14 @@ def likeliest_kinds(gains: Mapping[str, float]) -> list[str]:
     """Return the causes that are worth a pass of their own, the likeliest first."""
     found: list[str] = []
     kinds: Counter[str] = Counter()
+    links: set[str] = set()
     for cause in sorted(gains, key=lambda each: -gains[each]):
-        kind = cause.partition(':')[0]
+        kind, _, name = cause.partition(':')
+        if kind in {'link', 'density'}:  # the likelier of a link that is heavier throughout, and one with any error
+            kind = 'link'
+            if name in links:
+                continue
+            links.add(name)
         kinds[kind] += 1
         if kinds[kind] <= _ALIKE:
             found.append(cause)
@@ -513,7 +519,7 @@ def _text_of(passes: FilterPasses, cause: str) -> Callable[[HypothesisFilter], s
 
     def text(filtered: HypothesisFilter) -> str | None:
         value, kernel = passes.value(filtered, cause), passes.layout.kernel
-        if kind == 'link' and value[0] <= -_LIGHTER * kernel.known[kernel.model.link(name).body, 0]:
+        if kind in {'link', 'density'} and value[0] <= -_LIGHTER * kernel.known[kernel.model.link(name).body, 0]:
             return None
         declared = f', or set {marker_text(value, passes.declared.marker)}' if kind == 'mount' else ''
         return deviation_text(cause, value, () if name else kernel.model.joint_names) + declared

@@ -360,14 +360,15 @@ def test_no_link_loses_far_more_than_its_mass(less: float, possible: bool) -> No
 
     passes: Any = SimpleNamespace(value=value, layout=Layout.from_unknowns(KERNEL, ()), declared=Declared())
     filtered: Any = None
-    text = _text_of(passes, 'link:link2')(filtered)
-    assert (text is not None) is possible
-    assert 'link2' in (text or 'link2')
+    for cause in ('link:link2', 'density:link2'):
+        text = _text_of(passes, cause)(filtered)
+        assert (text is not None) is possible
+        assert 'link2' in (text or 'link2')
 
 
 def test_a_contradicted_run_is_tried_with_errors_of_all_that_is_declared_exact() -> None:
     kinds = {label.partition(':')[0] for each in suspects(KERNEL) for label in each.causes}
-    assert {'link', 'zero', 'origin', 'axis', 'mount', 'time offset', 'lag'} <= kinds
+    assert {'link', 'density', 'zero', 'origin', 'axis', 'mount', 'time offset', 'lag'} <= kinds
     isolation = causes()
     tried = {label for each in isolation._suspects for label in each.causes}
     declared = next(each for each in suspects(KERNEL) if 'zero:joint1' in each.causes).part('zero:joint1')

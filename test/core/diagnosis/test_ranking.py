@@ -113,6 +113,8 @@ def test_three_of_a_kind_are_tried_and_five_in_all() -> None:
     }
     assert likeliest_kinds(gains) == ['link:a', 'link:b', 'link:c', 'mount', 'zero:a']
     assert likeliest_kinds({}) == []
+    heavier = {'density:a': 95.0, 'density:c': 65.0}
+    assert likeliest_kinds(gains | heavier) == ['density:a', 'link:b', 'link:c', 'mount', 'zero:a']
 
 
 @pytest.mark.parametrize(('nis', 'measured', 'enough'), [(149.0, 100, True), (151.0, 100, False)])
