@@ -125,12 +125,26 @@ def test_a_capture_is_detected() -> None:
     run = CaptureEstimator(robot, lambda: estimator(robot, MID, method='difference'), MID, 2.0, detect=True)
     last = [run.update([window], 0) for window in pieces()][-1][-1]
     assert run.time == pytest.approx(BEGIN, abs=0.5)
+    assert run.time in {float(window.time[0]) for window in pieces()}
     found, known = run.capture(body(last)), announced()
     known.update(pieces(), 0)
     expected = some(known.capture(None))
     assert found is not None
     assert found.momentum == pytest.approx(expected.momentum, abs=0.02)
     assert found.spin == pytest.approx(SPIN, abs=1e-2)
+
+
+def test_the_robot_at_the_capture_is_the_sample_nearest_to_it() -> None:
+    made = make()
+    for place, window in enumerate(pieces()[:3]):
+        made._note_target_pose(window, float(window.time[7]) + 1e-3 / (1 + place))
+    assert made._at_capture is not None
+    latest = pieces()[2]
+    assert made._at_capture.time.tolist() == [latest.time[7]]
+    _, rotation, position = some(made._target_pose)
+    placed = chaser().states(latest[7:8])
+    assert rotation == pytest.approx(placed.rotation[0])
+    assert position == pytest.approx(latest.base_position[7] + placed.position[0])
 
 
 def test_nothing_is_taken_for_a_capture_that_is_none() -> None:
@@ -209,7 +223,7 @@ def test_it_is_exported_from_json_and_bag_alike(capsys: pytest.CaptureFixture[st
     assert together['target_link'] == 'link7'
     assert together['mass'] - from_json['mass'] == pytest.approx(BARE_LINK7[0])
     text = exported(capsys, str(folder / 'result.json'), '--debris', '--output', str(folder / 'body.urdf'))
-    assert "body.urdf: the body that 'link7' holds as " in text
+    assert "body.urdf: the captured body in 'link7' as " in text
 
 
 def test_a_capture_in_a_bag(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from mbaid_ros.core.outliers import (
     Flips,
     Outliers,
     Repeats,
+    _leaps,
 )
 from mbaid_ros.core.samples import BaseStream, JointStream, Stamps
 from windowed import base_stream, piece
@@ -334,3 +335,13 @@ def test_a_robot_that_turns_does_not_flip() -> None:
     base, passed_on, flips = without_flips(np.zeros(300, dtype=bool))
     np.testing.assert_array_equal(passed_on.rotation, base.rotation)
     assert not flips.dropped
+
+
+@pytest.mark.parametrize(('apart', 'largest'), [(0.0, 0.5), (0.1, 0.8), (0.5, 2.0)])
+def test_a_turn_is_a_leap_where_no_robot_turns_as_fast(apart: float, largest: float) -> None:
+    """By half a radian and three a second; after long gaps none is."""
+    axis, stamps = np.array([2.0, -1.0, 2.0]) / 3.0, np.full(2, round(1e9 * apart))
+    turned = exp(np.outer([0.99 * largest, 1.01 * largest], axis))
+    begin = exp(np.array([[0.3, -0.4, 0.5]] * 2))
+    assert _leaps(begin, turned @ begin, stamps).tolist() == [False, True]
+    assert not _leaps(begin, turned @ begin, stamps + 2_000_000_000).any()

@@ -190,6 +190,7 @@ def changed(**values: float) -> Array:
         (changed(p1=1e30), NOT_REAL),
         (changed(p5=0.0, p6=0.0), LOST_TRACKING),
         (np.append(np.zeros(6), [1.0, *[0.0] * 6]), LOST_TRACKING),  # the origin, as it never was before
+        (np.append(np.zeros(5), [0.6, 0.8, *[0.0] * 6]), None),  # turned there
     ],
 )
 def test_why_a_pose_is_not_used(numbers: Array, reason: str | None) -> None:

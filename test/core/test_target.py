@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -12,11 +14,13 @@ from scipy.stats import chi2
 from benchmarks.tracked import CAPTURE, Caught, caught, session_of
 from checked import central_difference, generic, some
 from mbaid_ros.bags import BAG_TYPES
+from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.free_flight import FreeFlight, PoseNoise
 from mbaid_ros.core.geometry import Array, exp, quaternion_from_rotation, rotate, rotation_from_quaternion, unvec
 from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.target import NOT_A_POSE, TargetAtCapture, TargetTrack, TrackedTargetConfig
+from mbaid_ros.core.state import BODY
+from mbaid_ros.core.target import NOT_A_POSE, ChangedTarget, TargetAtCapture, TargetTrack, TrackedTargetConfig
 from mbaid_ros.replay.json_output import _capture as capture_as_json
 from mbaid_ros.sensor_messages import TargetPoses
 from observed import MID, configured_motion, kernel, observe
@@ -242,3 +246,26 @@ def test_the_link_is_as_uncertain_as_the_pose_of_the_base_makes_it() -> None:
     by_pose = central_difference(link, np.zeros(6), 1e-5)
     assert np.abs(away).min() > 0.05
     assert made.link_factor @ made.link_factor.T == pytest.approx(by_pose @ covariance @ by_pose.T, rel=1e-6, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('stds', 'exchanged', 'said'),
+    [
+        ((9.0, 4.9), True, '; the centre of mass has changed by (+0.1, -0.3, +0.2) m, the mass by -50 kg'),
+        ((9.0, 4.9), False, '; the centre of mass has changed by (+0.1, -0.3, +0.2) m'),
+        ((11.0, 4.9), True, ''),  # a mass that is not known to a tenth
+        ((9.0, 5.1), True, ''),
+    ],
+)
+def test_a_changed_target_is_reported_with_its_size_where_both_masses_are_known(
+    stds: tuple[float, float], said: str, *, exchanged: bool
+) -> None:
+    def state(mass: float, centre: list[float], std: float) -> MeanAndCovariance:
+        mean, deviation = np.zeros(BODY.stop), np.zeros(BODY.stop)
+        mean[BODY.start : BODY.start + 4], deviation[BODY.start] = [mass, *(mass * np.array(centre))], std
+        return cast('MeanAndCovariance', SimpleNamespace(mean=mean, deviation=deviation))
+
+    before, after = state(100.0, [0.2, 0.1, -0.3], stds[0]), state(50.0, [0.3, -0.2, -0.1], stds[1])
+    event = ChangedTarget(7.0, 'the target changed', exchanged, before).event(after)
+    assert (event.time, event.kind, event.cause) == (7.0, 'target_changed', f'the target changed{said}')
+    assert ChangedTarget(7.0, 'the target changed', exchanged, None).event(after).cause == 'the target changed'

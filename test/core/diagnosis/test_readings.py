@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from checked import generic
 from mbaid_ros.core.clocks import restamped
 from mbaid_ros.core.contracts import Convention
 from mbaid_ros.core.diagnosis.readings import (
+    as_read,
     joints_by_another_clock,
     mapped_joints,
     placed_bases,
@@ -193,3 +195,15 @@ def test_the_mount_that_is_named_can_be_pasted() -> None:
     place, turn = (np.array(each.partition(']')[0].split(', '), float) for each in found.text.split('[')[1:])
     np.testing.assert_allclose(rotation_from_quaternion(turn), exp(MOUNT[:3]).T, atol=0.02)
     np.testing.assert_allclose(place, -exp(MOUNT[:3]).T @ MOUNT[3:], atol=0.02)
+
+
+def test_meanings_change_one_after_the_other_as_at_once() -> None:
+    """By numbers that add up, gains and the scale by factors, the turn of the frame in its own axes."""
+    step = generic(1, 11)
+    one, two = (as_read(2).changed(each) for each in (step, 2.0 * step))
+    for made, times in ((one, 1.0), (one.changed(step), 2.0), (two, 2.0)):
+        assert made.zeros == pytest.approx(times * step[:2])
+        assert made.gains == pytest.approx(np.exp(times * step[2:4]))
+        assert made.turn == pytest.approx(times * step[4:7])
+        assert made.lever == pytest.approx(times * step[7:10])
+        assert made.scale == pytest.approx(float(np.exp(times * step[10])))
