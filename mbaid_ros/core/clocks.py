@@ -48,6 +48,7 @@ _AROUND = 6  # readings that a step is looked at with, before and after
 # Readings of a block, whose rate and scatter are compared; blocks, at most and at least; least correlation of the two;
 # times the rest, that the scatter by the rate is at least; s of jitter, of which less is common.
 _BLOCK, _BLOCKS, _ENOUGH, _ALONG, _MOSTLY, _JITTER = 60, 200, 12, 0.7, 4.0, 1e-3
+_EVEN = 0.5  # of the usual interval, by which those of a block may differ from it
 _COARSE = 0.1  # share of readings that repeat: the scatter of coarse encoders grows with the rate as well
 OFFSET, CLOCK = 'time offset', 'clock drift'
 _LARGEST_DRIFT = 0.01  # of time_offset.drift_std
@@ -317,6 +318,9 @@ class StampPattern:
         self._open = stamp[whole:], position[whole:]
         for begin in range(0, whole, _BLOCK):
             own, time = position[begin : begin + _BLOCK], stamp[begin : begin + _BLOCK]
+            interval = np.diff(time)
+            if np.max(np.abs(interval - np.median(interval))) > _EVEN * np.median(interval):
+                continue  # readings are missing: differences between them are not those of a regular series
             duration = max(1e-9 * float(time[-1] - time[0]), 1e-9)
             self._blocks.append(np.stack((((own[-1] - own[0]) / duration) ** 2, white_noise(own, 4) ** 2)))
             self._repeated += int(np.sum(np.diff(own, axis=0) == 0.0))

@@ -136,6 +136,14 @@ def test_regular_jittering_late_and_missing_messages_are_no_fault(pieces: int) -
     assert found(REGULAR[kept], pieces, position[kept]) == []
 
 
+def test_readings_of_which_a_third_is_lost_are_none_that_scatter() -> None:
+    time = 0.02 * np.arange(3000)
+    kept = np.random.default_rng(3).random(len(time)) > 1.0 / 3.0
+    position = np.column_stack((np.sin(0.3 * time), np.cos(0.2 * time))) + 1e-4 * RANDOM.standard_normal((3000, 2))
+    stamp = REGULAR[0] + SPACING * np.arange(3000)
+    assert found(stamp[kept], 13, position[kept]) == []
+
+
 @pytest.mark.parametrize('pieces', [1, 13, COUNT])
 def test_readings_older_than_their_stamps_by_chance_are_named(pieces: int) -> None:
     count = 3 * COUNT
