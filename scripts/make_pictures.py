@@ -36,7 +36,7 @@ from mbaid_ros.replay.whole_run import Run
 
 ROOT = Path(__file__).resolve().parents[1]
 # What the commands of pages find in the project's folder; not what they wrote there when a reader followed a page.
-PROJECT = ('bags', 'config', 'docs', 'install', 'mbaid_ros', 'msg_defs', 'package.xml', 'scripts', 'test')
+PROJECT = ('Makefile', 'bags', 'config', 'docs', 'install', 'mbaid_ros', 'msg_defs', 'package.xml', 'scripts', 'test')
 IMAGES = ROOT / 'docs' / 'images'
 STYLE = ROOT / 'docs' / 'pictures.mplstyle'
 BAG, URDF = ROOT / 'bags' / 'servicer7_mid', ROOT / 'config' / 'servicer7.urdf'
