@@ -494,7 +494,7 @@ class Stack:
             middle = replace(middle, further=np.concatenate((own - errors, others), axis=-1))
         if nominal.delay != 0.0 or nominal.lags.any():
             middle = with_joints_later(middle, nominal.delay, nominal.lags, self.windows[0].spacing)
-        if nominal.gears.size:
+        if nominal.gears.any():
             middle = with_gears(middle, nominal.gears)
         if nominal.zeros.any():
             middle = replace(middle, joint_position=middle.joint_position + nominal.zeros)

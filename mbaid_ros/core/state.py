@@ -678,7 +678,7 @@ def variables(layout: Layout, detector: PlaneDetector, declared: Declared) -> Va
         random_walk=_walks(layout),
         motion_change=_drawn_anew(numbers_of(unknowns, [each.redrawn_per_motion for each in unknowns]) & constant),
         time_constants=times,
-        pushed=any(each.changes_momentum and np.isfinite(each.time_constants).any() for each in unknowns),
+        pushed=layout.has_varying_push,
         gap_change=_drawn_anew(numbers_of(unknowns, [each.redrawn_after_gap for each in unknowns])),
         mass_row=None if declared.total_mass is None else _mass_row(layout, declared.total_mass, basis * scale),
         sensors=layout.sensors,

@@ -1,4 +1,4 @@
-"""Which of the two stages is published, and how long the first one goes on: a table, with stages that say as told."""
+"""Which of the two stages is published, and how long the first one goes on: a table, with stand-ins for the stages."""
 
 from __future__ import annotations
 

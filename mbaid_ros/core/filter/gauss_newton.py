@@ -315,9 +315,10 @@ class BatchIteration:
             point = self.layout.point(distribution.mean + step, distribution.deviation)
             windows = yield from self.relinearise(stacks, point)
             prior = self.prior(filtered.hypothesis, filtered.longest_jump, point=point)
-            drift = momentum_drift(windows, filtered.gaussian, self.variables, self.layout)
             if self.layout.has_varying_push:
                 _, drift = yield from self._followed(windows, prior)
+            else:
+                drift = momentum_drift(windows, filtered.gaussian, self.variables, self.layout)
             if drift is not None:
                 windows = yield from self.relinearise(stacks, point.drifting(drift))
             (moved,) = yield from self.filter(windows, (prior,))
@@ -363,11 +364,12 @@ def momentum_drift(
         momenta = values[:, variables.pose_size : variables.moving]
         offsets = momenta - impulses - momenta[-1]
     last, length = windows[-1][0], whites[-1].length
+    to_momentum = variables.to_state[MOMENTUM, variables.pose_size : variables.moving]
     return MomentumDrift(
         starts=np.array([window.start for window, _ in windows]),
-        offsets=offsets @ variables.to_state[MOMENTUM, variables.pose_size : variables.moving].T,
+        offsets=offsets @ to_momentum.T,
         instant=last.start + last.length,
-        rate=variables.to_state[MOMENTUM, variables.pose_size : variables.moving] @ impulses[-1] / length,
+        rate=to_momentum @ impulses[-1] / length,
         mass=layout.point(variables.state_columns(numbers[:count, None])[:, 0]).total_mass,
         central=axes in {'none', 'inertial'},
     )

@@ -503,7 +503,7 @@ def _momentum_change(
 ) -> tuple[Array, Array, Array]:
     """Return changes of the momentum until the next window, and the centre of mass, m.
 
-    The changes are by the unknowns, (B, 6, s), and by the lever arm of a force, (B, 6, s + 1).
+    The changes are by the unknowns, (B, 6, s), and by forces as they depend on the state, (B, 6, s + 1).
 
     Parameters
     ----------

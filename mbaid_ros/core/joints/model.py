@@ -322,7 +322,7 @@ class GearedJoints(Unknown):
 
     def applied_to(self, nominal: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with these gears."""
-        return replace(nominal, gears=value.reshape(-1, 3) if value.any() else np.zeros((0, 3)))
+        return replace(nominal, gears=value.reshape(-1, 3))
 
     def in_plane(self, detector: PlaneDetector) -> GearedJoints:
         """Return it as it is: joints only move in the plane."""

@@ -291,7 +291,7 @@ def test_a_step_is_as_long_as_changes_the_body_by_half_of_its_size() -> None:
 
 @pytest.mark.parametrize('seed', SEEDS)
 def test_a_robot_in_a_plane_is_predicted_to_stay_in_it(seed: int) -> None:
-    """Whatever momentum the state has: the plane takes up the rest, and what is in it belongs to the twist."""
+    """At any momentum of the state: the plane takes up the rest, and what is in it belongs to the twist."""
     case = Case(seed)
     turn = np.linalg.qr(generic(seed, 3, 3))[0]
     plane = np.zeros((3, 6))

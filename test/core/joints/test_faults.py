@@ -107,12 +107,12 @@ RANDOM = np.random.default_rng(5)
 
 
 def found(stamp: Stamps, pieces: int = 1, position: Array | None = None) -> list[str]:
-    """Return what is found."""
+    """Return the faults that are found."""
     return [text for _, text in found_since(stamp, pieces, position)]
 
 
 def found_since(stamp: Stamps, pieces: int = 1, position: Array | None = None) -> list[tuple[int, str]]:
-    """Return what is found since which stamp, by its symptom."""
+    """Return since which stamp each fault is found, and its text, by symptom."""
     moving = np.column_stack((np.sin(0.3 * TIME), np.cos(0.2 * TIME)))[: len(stamp)]
     pattern = StampPattern('the joint states', 1e-4)
     lines: dict[str, tuple[int, str]] = {}
