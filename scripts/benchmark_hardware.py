@@ -4,6 +4,7 @@
 
 CLONES is a folder with clones of the repositories that measured/hardware.md names. Nothing is fetched: missing logs
 are printed. The recording in bags/ needs no clone. FOLDER keeps finished runs of a commit; the same command goes on.
+The page is written only if every log of every row was measured on one commit.
 """
 
 import json
@@ -33,6 +34,7 @@ from mbaid_ros.replay.arguments import replay
 
 ROOT = Path(__file__).resolve().parents[1]
 BAG = ROOT / 'bags' / 'air_bearing_thrusters'
+FAILED = 'failed'  # status of a recording that cannot be measured
 MOST = 99  # recordings of a row, more than any has
 HEADER = (
     'recording', 'truth', 'runs', 'used to tune', 'published', 'intervals right', 'width', 'published with `repair`',
@@ -82,6 +84,7 @@ class Recordings:
     truth: Mapping[str, tuple[float, ...]]  # of each number, all measurements
     shown: str  # truth as the table has it
     settled: str  # with which of them parameters were chosen
+    count: int  # recordings
     logs: tuple[str, ...] = ()  # patterns of paths
     form: str = ''  # of `convert`
     end: float = 0.0  # s of a bag that are used; 0: all
@@ -131,10 +134,10 @@ class Recordings:
         arguments = [bag, '--model', bag / 'robot.urdf', '--params', bag / 'estimator.yaml', '--json', result]
         arguments += [part for each in self.parameters for part in ('-p', each)]
         arguments += ['--end', self.end] if self.end else []
-        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+        with redirect_stdout(StringIO()), redirect_stderr(StringIO()) as said:
             replay([*map(str, arguments), *(['--repair'] if repair else [])])
         if not result.exists():
-            return Result('nothing')
+            return Result('no result', causes=tuple(said.getvalue().strip().splitlines()[-1:]))
         found = json.loads(result.read_text(encoding='utf-8'))
         values, stds = ({'mass': (part := found[key] or {}).get('mass'), **(part.get('inertia') or {})}
                         for key in ('estimate', 'std'))  # fmt: skip
@@ -174,7 +177,10 @@ class FanPlatform(Recordings):
 
 @dataclass(frozen=True)
 class Station(Recordings):
-    """Windows of the space station's telemetry, h: the first is what the others are compared with."""
+    """Windows of the space station's telemetry, h: the first is what the others are compared with.
+
+    `calibrate` has no `repair`: both columns are of the same run.
+    """
 
     windows: tuple[tuple[float, float], ...] = ()
 
@@ -186,7 +192,7 @@ class Station(Recordings):
         return [] if archive is None else [archive] * len(self.windows)
 
     def outcome(self, log: Path, place: int, folder: Path, clones: Path) -> Outcome:
-        """Return the moments of all bodies in a window, by `calibrate`, which has no repair."""
+        """Return the moments of all bodies in a window, by `calibrate`."""
         del clones
         result = Result('refused')
         try:
@@ -195,21 +201,23 @@ class Station(Recordings):
                 result = Result('estimating', {name: (value, std) for name, value, std in numbers})
         except MbaidError as error:
             result = Result('refused', causes=(str(error),))
-        return Outcome.of_results(f'station {self.windows[place]}', self.truth, result, Result())
+        return Outcome.of_results(f'station {self.windows[place]}', self.truth, result, result)
 
 
 _MARCH = 'ExperimentData_RED_2021_3_6_{}/*{}__stitched.mat'
 _MAY = 'ExperimentData_RED_2021_5_{}/*__stitched.mat'
+_2023 = ('3_26_10_16/ExpLog8', '3_25_12_20/ExpLog', '3_26_11_7/ExpLog1', '4_8_9_34/ExpLog5', '4_8_10_3/ExpLog')
 _SUMMER = '{}/Kirk_Phase3_*__stitched.mat'
 SPOT_MASS = (16.881, 16.965, 16.980, 16.966)
 BEARINGS = {'mass': (23.090, 23.824)}
 ALL = (
-    Shipped('air-bearing-thrusters', BEARINGS, 'weighed, 23.09 and 23.82 kg', 'this one'),
+    Shipped('air-bearing-thrusters', BEARINGS, 'weighed, 23.09 and 23.82 kg', 'this one', 1),
     Shipped(
         'the same, thrust to 2 %, a force of 0.05 N',
         BEARINGS,
         'weighed, 23.09 and 23.82 kg',
         'this one',
+        1,
         parameters=(
             'thrust.scale_std:=0.02',
             'thrust.direction_std:=0.02',
@@ -222,6 +230,7 @@ ALL = (
         {'mass': SPOT_MASS},
         'weighed, 16.88 to 16.98 kg',
         '15_33',
+        4,
         tuple(_MARCH.format(*each) for each in (('15_33', '_3'), ('15_51', ''), ('16_8', ''), ('16_13', ''))),
         'spot-2021',
     ),
@@ -230,29 +239,25 @@ ALL = (
         {'mass': SPOT_MASS},
         'weighed, 16.88 to 16.98 kg',
         'none',
+        8,
         tuple(
             _MAY.format(each)
             for each in ('2_15_9', '2_16_53', '2_17_16', '20_13_52', '20_14_19', '20_14_53', '20_15_46', '20_16_17')
         ),
         'spot-2021',
     ),
-    Recordings(
-        'SPOT, 2023, 20 s',  # the arm unfolds; nothing is held
-        {'mass': (0.111,)},
-        'the hand alone, 0.11 kg',
-        'three of them',
-        tuple(
-            f'ExperimentData_RED_2023_{each}'
-            for each in (
-                '3_26_10_16/ExpLog8',
-                '3_25_12_20/ExpLog',
-                '3_26_11_7/ExpLog1',
-                '4_8_9_34/ExpLog5',
-                '4_8_10_3/ExpLog',
-            )
-        ),
-        'spot-2023',
-        end=20.0,
+    *(
+        Recordings(
+            name,
+            {'mass': (0.111,)},
+            'the hand alone, 0.11 kg',
+            'three of them',
+            5,
+            tuple(f'ExperimentData_RED_2023_{each}' for each in _2023),
+            'spot-2023',
+            end,
+        )
+        for name, end in (('SPOT, 2023, 20 s', 20.0), ('SPOT, 2023, to the end', 0.0))  # 20 s: the arm unfolds
     ),
     *(
         Recordings(
@@ -260,20 +265,28 @@ ALL = (
             {name: (value,) for name, value in WEIGHED.items()},
             'weighed, 12.04 kg; swung, 0.2257 kg m²',
             settled,
+            count,
             tuple(_SUMMER.format(each) for each in folders),
             'spot-captures',
         )
-        for name, settled, folders in (
-            ('IC1', 'all', ('ExperimentData_RED_2021_*_IC1_*',)),
+        for name, settled, count, folders in (
+            ('IC1', 'all', 5, ('ExperimentData_RED_2021_*_IC1_*',)),
             (
                 'IC2, IC3',
                 'none',
+                10,
                 ('ExperimentData_RED_2021_8_3*_IC2_trial*', 'ExperimentData_RED_2021_8_3*_IC3v2_trial*'),
             ),
-            ('pushed or filmed', 'none', ('ExperimentData_RED_2021_*perturbation*', 'ExperimentData_RED_2021_*VIDEO*')),
+            (
+                'pushed or filmed',
+                'none',
+                4,
+                ('ExperimentData_RED_2021_*perturbation*', 'ExperimentData_RED_2021_*VIDEO*'),
+            ),
             (
                 'all others',
                 'none',
+                33,
                 (
                     'ExperimentData_RED_2021_[78]_*_[0-9]*_[0-9]',
                     'ExperimentData_RED_2021_[78]_*_[0-9][0-9]',
@@ -284,7 +297,7 @@ ALL = (
                     '[Uu]nused_*',
                 ),
             ),
-            ('named FAIL', 'none', ('FAIL_*',)),
+            ('named FAIL', 'none', 9, ('FAIL_*',)),
         )
     ),
     FanPlatform(
@@ -292,6 +305,7 @@ ALL = (
         {'mass': (MASS,)},
         'weighed, 1.220 kg',
         'none',
+        5,
         ('control_data_DLMI_disturbance.csv', 'control_data_DLQR_*.csv'),
         end=30.0,
     ),
@@ -300,6 +314,7 @@ ALL = (
         {'Ixx': (118.2,), 'Iyy': (60.4,), 'Izz': (170.7,)},
         'repeats: moments of window A',
         'A and the second',
+        6,
         width='Iyy',
         windows=(
             (6861.75, 6863.005),
@@ -341,34 +356,60 @@ def row(recordings: Recordings, found: Outcome) -> list[str]:
 
 
 def run(clones: Path, logs: Mapping[int, Sequence[Path]], number: int, place: int) -> Outcome:
-    """Return the outcome of one log of a row."""
+    """Return the outcome of one log of a row; of one that fails, why."""
+    log = logs[number][place]
     with TemporaryDirectory() as folder:
-        return ALL[number].outcome(logs[number][place], place, Path(folder), clones)
-
-
-def line(number: int, found: Outcome) -> list[str]:
-    """Print the results of a row's recordings; return its line of the table."""
-    for each in found.shown:
-        print(each)
-    return row(ALL[number], found)
+        try:
+            return ALL[number].outcome(log, place, Path(folder), clones)
+        except Exception as error:  # noqa: BLE001 - the other recordings are measured all the same
+            failed = Result(FAILED, causes=(' '.join(f'{type(error).__name__}: {error}'.split()),))
+            return Outcome.of_results(f'{log.parent.name}/{log.stem}', ALL[number].truth, failed, Result())
 
 
 def commit() -> str:
-    """Return the commit that is measured, with a mark if files differ from it; empty outside a clone."""
-    command = ['git', '-C', str(ROOT), 'describe', '--always', '--dirty']
-    return subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False).stdout.strip()
+    """Return the commit that is measured; empty if files differ from it, or outside a clone."""
+
+    def git(*arguments: str) -> str:
+        command = ['git', '-C', str(ROOT), *arguments]
+        return subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False).stdout.strip()
+
+    return '' if git('status', '--porcelain', '--', '.', ':!docs') else git('rev-parse', '--short', 'HEAD')
+
+
+def unfit(state: str, counts: Mapping[int, int]) -> Iterable[str]:
+    """Yield why the page cannot be written."""
+    if not state:
+        yield 'files differ from the commit'
+    for number, recordings in enumerate(ALL):
+        if (count := counts.get(number, 0)) != recordings.count:
+            yield f'{recordings.name}: {count} of {recordings.count} logs'
 
 
 def main() -> None:
     """Write the table; print a line for each recording, and the missing logs."""
-    frame = Frame(__doc__, 'measured/hardware.md', seeds=MOST, clones='')
+    frame = Frame(__doc__, 'measured/hardware.md', seeds=MOST, clones='clones')
     chosen = frame.chosen(range(len(ALL)), lambda number: ALL[number].name)
     clones, state = Path(frame.arguments.clones), commit()
     logs = {number: ALL[number].found(clones) for number in chosen}
     counts = {number: min(len(logs[number]), frame.arguments.seeds) for number in chosen if logs[number]}
+    reasons = list(unfit(state, counts))
+    if not state:
+        frame.arguments.store = None  # what it has may be of other files
+    if reasons:
+        frame.arguments.output = None
     files = {number: f'hardware {state} {number}' for number in counts}
-    outcomes = frame.outcomes(Outcome, partial(run, clones, logs), files, counts)
-    frame.tabulate(HEADER, outcomes, line, 'hardware', f'commit {state}')
+
+    def line(number: int, found: Outcome) -> list[str]:
+        print('\n'.join(found.shown))
+        if failed := int(np.sum(found.status[:, 0] == FAILED)):
+            reasons.append(f'{ALL[number].name}: {failed} failed')
+            frame.arguments.output = None
+        return row(ALL[number], found)
+
+    frame.tabulate(HEADER, frame.outcomes(Outcome, partial(run, clones, logs), files, counts), line, 'hardware',
+                   f'commit {state}')  # fmt: skip
+    for reason in reasons:
+        print(f'the page stays as it was: {reason}')
 
 
 if __name__ == '__main__':

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from benchmark_hardware import ALL, Outcome, Recordings, Result, row
+from benchmark_hardware import ALL, Outcome, Recordings, Result, main, row, run, unfit
+from benchmarks.frame import Frame
 
-WEIGHED = Recordings('a body', {'mass': (10.0, 10.4), 'izz': (0.2,)}, 'weighed', 'none', ('run_*/a.mat', 'none.mat'))
+WEIGHED = Recordings('a body', {'mass': (10.0, 10.4), 'izz': (0.2,)}, 'weighed', 'none', 3, ('run_*/a.mat', 'none.mat'))
 REFUSED = Result('not_identifiable')
 
 
@@ -54,3 +55,49 @@ def test_nothing_is_fetched_without_clones(tmp_path: Path, capsys: pytest.Captur
     for recordings in ALL[2:]:
         assert recordings.found(tmp_path) == []
     assert capsys.readouterr().out.count('missing: ') > len(ALL) - 2
+
+
+def test_a_log_that_cannot_be_read_fails_in_one_line(tmp_path: Path) -> None:
+    fans = next(number for number, each in enumerate(ALL) if each.name.startswith('fans'))
+    log = tmp_path / 'control_data_DLMI_disturbance.csv'
+    log.write_text('1,2\n3,4\n', encoding='utf-8')
+    found = run(tmp_path, {fans: [log]}, fans, 0)
+    assert list(found.status) == ['failed', '']
+    assert str(found.shown).startswith(f'{tmp_path.name}/{log.stem}: failed; IndexError: ')
+    assert '\n' not in str(found.shown)
+
+
+def test_a_page_needs_one_commit_and_every_log() -> None:
+    counts = {number: each.count for number, each in enumerate(ALL)}
+    assert list(unfit('abc', counts)) == []
+    assert list(unfit('', counts)) == ['files differ from the commit']
+    assert list(unfit('abc', counts | {2: 3})) == ['SPOT, March 2021: 3 of 4 logs']
+
+
+def test_a_page_stays_as_it_was_without_the_clones(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = ['benchmark_hardware.py', '--clones', str(tmp_path), '--rows', 'station|fans', '--output', str(tmp_path)]
+    monkeypatch.setattr('sys.argv', words)
+    main()  # tmp_path has no page: writing it would fail
+    said = capsys.readouterr().out
+    assert 'missing: space station, six windows: USLAB000018.txt\n' in said
+    assert 'the page stays as it was: SPOT, March 2021: 0 of 4 logs\n' in said
+
+
+def runs_until_a_stop(row: str, seed: int) -> Outcome:
+    if seed == 1:
+        raise KeyboardInterrupt
+    return Outcome.of_results(row, ['mass'], result(10.0 + seed, 0.2), Result())
+
+
+def test_a_stop_keeps_the_finished_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('sys.argv', ['script', '--store', str(tmp_path), '--processes', '1'])
+    frame = Frame('A script.', 'page.md', seeds=2)
+    with pytest.raises(SystemExit, match=f'stopped; {tmp_path} has the finished runs'):
+        list(frame.outcomes(Outcome, runs_until_a_stop, {'row': 'row'}))
+    monkeypatch.setattr('sys.argv', ['script', '--store', str(tmp_path), '--seeds', '1'])
+    frame = Frame('A script.', 'page.md', seeds=2)
+    [(_, found)] = frame.outcomes(Outcome, runs_until_a_stop, {'row': 'row'})
+    assert list(found.shown) == ['row: estimating; mass 10 ± 0.98; izz 0.2 ± 0.02']
+    assert [each.name for each in tmp_path.iterdir()] == ['row.npz']

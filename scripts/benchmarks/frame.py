@@ -10,9 +10,11 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
+from signal import SIG_DFL, SIGINT, signal
 from typing import Any, TypeVar
 
 import numpy as np
@@ -22,7 +24,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import ArrayRecord, SensorNoise
 
 PUBLISHED = ('estimating', 'converged')  # statuses whose numbers count
-_NOT_STATED = ('--output', '--processes', '--store')  # arguments on which no number depends
+_NOT_STATED = ('--output', '--processes', '--store', '--clones')  # arguments on which no number depends
 
 Outcome = TypeVar('Outcome', bound='Runs')
 Row = TypeVar('Row')
@@ -66,7 +68,9 @@ def completed(
             parts.append(kind.stack([made]))
             if file is not None:
                 file.parent.mkdir(parents=True, exist_ok=True)
-                np.savez(file, **vars(kind.concatenate(parts)))
+                unfinished = file.with_suffix('.part.npz')
+                np.savez(unfinished, **vars(kind.concatenate(parts)))
+                unfinished.replace(file)  # a stop while it is written leaves the last one whole
         return kind.concatenate(parts)[: len(seeds)]
 
     return results
@@ -118,7 +122,7 @@ class Frame:
         store: Path | None = self.arguments.store
         with (
             tqdm(total=sum(counts.values()), unit=' runs', disable=None, leave=False) as bar,
-            ProcessPoolExecutor(self.arguments.processes) as pool,
+            ProcessPoolExecutor(self.arguments.processes, None, signal, (SIGINT, SIG_DFL)) as pool,  # Ctrl-C ends runs
         ):
             begun = {}
             for row, name in files.items():
@@ -127,6 +131,9 @@ class Frame:
             try:
                 for row, results in begun.items():
                     yield row, results()
+            except (KeyboardInterrupt, BrokenProcessPool):
+                sys.exit(f'stopped; {store} has the finished runs, and the same command goes on' if store
+                         else 'stopped; nothing is kept without --store')  # fmt: skip
             finally:
                 pool.shutdown(cancel_futures=True)
 
