@@ -26,6 +26,8 @@ _ALONE = 0.999  # part of a direction in one number, from which it is that numbe
 _UNITS = (1e3, 1e-3)  # grams for kilograms, and the other way round
 _HEAVY = 0.01  # share of the robot's mass, from which a link's inertia matters
 _REACH = 10.0  # times the robot's size, that no link's radius of gyration reaches
+_MILLIMETRE = 1e-3  # m
+_SLENDER = 200.0  # times the largest radius of gyration, that no joint is away from the one before it
 # kg/m^3, lead and air: a denser link, or a lighter base, is described in another unit.
 _DENSEST, _LIGHTEST = 11_300.0, 1.2
 
@@ -348,24 +350,37 @@ def _density(parameters: Array) -> float:
     return float(parameters[0] / volume) if volume > 0.0 else np.inf
 
 
-def inertia(model: RobotModel) -> str:
-    """Return which link has an inertia that no body of its mass and the robot's size has; empty if none."""
+def impossible(model: RobotModel) -> tuple[str, Repair | None]:
+    """Return which link has an inertia that no body of its mass and the robot's size has; an empty text if none.
+
+    Where all are far smaller than the robot, its lengths are in millimetres, and a repair converts them.
+    """
     masses = np.array([link.parameters[0] for link in model.links])
-    size = max(float(np.sum(np.linalg.norm(model.positions, axis=1))), 0.1)
+    lengths = np.linalg.norm(model.positions, axis=1)
+    size, largest = max(float(np.sum(lengths)), 0.1), 0.0
     for link, mass in zip(model.links, masses.tolist(), strict=True):
         if mass <= 0.0 or mass < _HEAVY * float(masses.sum()):
             continue
         offset = link.parameters[1:4] / mass
         trace = float(link.parameters[[4, 7, 9]].sum() - 2.0 * mass * offset @ offset)  # of the inertia about the CoM
         if trace <= 1e-12 * mass:
-            return f"link '{link.name}' has {mass:.4g} kg and no inertia: correct it in the robot description"
-        radius = np.sqrt(0.5 * trace / mass)
+            return f"link '{link.name}' has {mass:.4g} kg and no inertia: correct it in the robot description", None
+        radius = float(np.sqrt(0.5 * trace / mass))
         if radius > _REACH * size:
-            return (
+            text = (
                 f"link '{link.name}' has {mass:.4g} kg and the inertia of a body of {radius:.3g} m: correct its "
                 '<inertia> in the robot description'
             )
-    return ''
+            return text, None
+        largest = max(largest, radius)
+    if np.max(lengths, initial=0.0) <= _SLENDER * largest:
+        return '', None
+    name = model.joint_names[int(np.argmax(lengths))]
+    text = (
+        f'{name} is {np.max(lengths):.3g} m from its parent, and no link has the inertia of a body of more than '
+        f'{largest:.2g} m: lengths in millimetres? Correct the robot description'
+    )
+    return text, Repair('the robot description is in millimetres', conversion=Conversion(lengths=_MILLIMETRE))
 
 
 def declared_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> KnownErrors:

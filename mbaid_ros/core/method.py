@@ -10,8 +10,8 @@ import numpy as np
 
 from mbaid_ros.core.clocks import TimeOffset
 from mbaid_ros.core.contracts import ConventionFactory, Hypothesis, Unknown, kind_in_words, underestimated_text
-from mbaid_ros.core.diagnosis.isolation import CandidateCauses, Change, FaultIsolation, with_findings
-from mbaid_ros.core.diagnosis.passes import estimated_repair
+from mbaid_ros.core.diagnosis.isolation import CandidateCauses, Change, FaultIsolation
+from mbaid_ros.core.diagnosis.passes import contradicting_unknowns, estimated_repair
 from mbaid_ros.core.filter.hypotheses import HypothesisFilter
 from mbaid_ros.core.filter.posterior import (
     Continuation,
@@ -357,8 +357,13 @@ class TrajectoryEstimator:
         layout, distribution = self._layout, run.distribution()
         now = replace(now, target_misfit=run.misfit_of_target(distribution))
         prior_scales = run.prior_scales(distribution)
-        verdict = self._with_causes(run, judge(self._evidence(run, prior_scales)))
-        verdict = with_findings(verdict, distribution, layout)
+        verdict = judge(self._evidence(run, prior_scales))
+        contradicting = tuple(contradicting_unknowns(distribution, layout))
+        verdict = self._with_causes(run, replace(verdict, adequate=verdict.adequate and not contradicting))
+        for cause in contradicting:
+            # A run linearised where a wrong robot has led it may see what a search does not.
+            seen = self._isolation.contradicting > 0.0 or not verdict.causes
+            verdict = verdict.with_cause(cause if seen else verdict.causes[0])
         history = self._history(run, now, distribution, verdict)
         solution = self._solved(run, distribution, prior_scales, verdict, history.flexible)
         estimate = self._reporting.estimate(solution, history)

@@ -16,7 +16,7 @@ from mbaid_ros.core.geometry import Array, exp, log
 from mbaid_ros.core.gyro import RateIntegrator
 from mbaid_ros.core.joints.faults import CHECKS, JointFaults, JointRates
 from mbaid_ros.core.joints.stream import joint_channels
-from mbaid_ros.core.links import inertia
+from mbaid_ros.core.links import impossible
 from mbaid_ros.core.noise import NoiseEstimator, NoiseLevels
 from mbaid_ros.core.odometry.faults import MILLIMETRES, PlanarPoses, twist_check
 from mbaid_ros.core.odometry.stream import POSE, hermite
@@ -443,8 +443,9 @@ class PlainFaults:
         self._plane = PlanarPoses(model)
         self._zeros: int | None = 0  # poses at the begin; None once there are others
         self._found: dict[str, tuple[int, Reason]] = {}  # by symptom: from which stamp on (ns), and the reason
-        if described := inertia(model):
-            self.name('inertia', np.iinfo(np.int64).min, described)
+        text, repair = impossible(model)
+        if text:
+            self.name('description', np.iinfo(np.int64).min, text, repair)
 
     def add(self, streams: Mapping[tuple[int, ...], JointStream], base: BaseStream | None = None) -> None:
         """Take readings (N, k), by the joints that they are of, and of the base, in the order of arrival.

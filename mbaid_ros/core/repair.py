@@ -50,6 +50,12 @@ class Conversion:
     steps: tuple[tuple[str, int, float], ...] = ()
     left_out: tuple[tuple[float, float], ...] = ()  # s since the first sample: joint readings in between
     masses: Mapping[str, float] = field(default_factory=dict)  # factors of links' masses and inertias, by name
+    lengths: float = 1.0  # m in a unit of the robot description's lengths
+
+    @property
+    def of_description(self) -> bool:
+        """Whether the robot description is not as it is read."""
+        return bool(self.masses) or self.lengths != 1.0
 
     @property
     def of_poses(self) -> bool:
@@ -166,7 +172,9 @@ class Repair:
         set_to = ', '.join(f'{name} were {shown(value)}' for name, value in (self.parameters or {}).items())
         parts = [f'as if {set_to}'] if set_to else []
         if self.conversion is not None:
-            parts.insert(0, f'{"the robot description is" if self.conversion.masses else "readings are"} converted')
+            parts.insert(
+                0, f'{"the robot description is" if self.conversion.of_description else "readings are"} converted'
+            )
         return ', '.join(parts)
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from bisect import bisect_left
 from dataclasses import replace
 from functools import cache
@@ -9,6 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from benchmarks.honesty.robots import in_millimetres
 from checked import some
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joints.faults import JointFaults, JointRates
@@ -16,7 +18,9 @@ from mbaid_ros.core.odometry.faults import HELD, HeldBase, twist_check
 from mbaid_ros.core.pipeline import PlainFaults, WindowChecks
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.urdf import scale_lengths
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, Stamps
+from mbaid_ros.session.repairing import described
 from observed import HIGH, MID, configured_motion, kernel, observe, windows
 from simulated import CONFIG, robot
 
@@ -165,6 +169,25 @@ def test_an_inertia_that_no_body_has_is_warned_of_and_the_first_cause(inertia: s
     assert text in fine.warnings[0]
     assert not fine.causes
     assert text in wrong.causes[0][0]
+
+
+def test_a_description_in_millimetres_is_the_first_cause_and_converted() -> None:
+    urdf = (CONFIG / 'servicer7.urdf').read_text(encoding='utf-8')
+    wrong = Estimate('trajectory', 'inconsistent', 0.0, 0, causes=(('something', 5.0),))
+    found = PlainFaults(load_model(in_millimetres(urdf)), 1e-4).applied(wrong)
+    text = found.causes[0][0]
+    assert re.match(r'joint\d is \d{3} m from its parent, .* of more than 0\.75 m: lengths in millimetres', text)
+    read, meant = (load_model(each) for each in (urdf, described(in_millimetres(urdf), [found.remedies[text]])))
+    np.testing.assert_allclose(meant.positions, read.positions, rtol=1e-12)
+    for one, other in zip(meant.links, read.links, strict=True):
+        np.testing.assert_allclose(one.parameters, other.parameters, rtol=1e-9, atol=1e-12)
+    assert str(found.remedies[text]).endswith('is in millimetres (the robot description is converted)')
+
+
+def test_a_slender_robot_is_not_one_in_millimetres() -> None:
+    urdf = (CONFIG / 'servicer7.urdf').read_text(encoding='utf-8')
+    fine = Estimate('trajectory', 'estimating', 0.0, 0)
+    assert not PlainFaults(load_model(scale_lengths(urdf, 100.0)), 1e-4).applied(fine).warnings
 
 
 def spinning(step: float, *, rates: bool, pieces: int, wrapped: bool = True, factor: float = 1.0) -> Estimate:

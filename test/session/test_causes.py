@@ -49,6 +49,14 @@ def test_the_true_cause_is_named_first(condition: str, seconds: float, monkeypat
     assert len(set(causes)) == len(causes)
 
 
+@LONG
+def test_an_orbit_that_a_search_does_not_see_is_not_blamed_for_an_encoder() -> None:
+    reported = run(('a joint read 0.3 % too large', 'trajectory'), 0)
+    assert reported.status == 'inconsistent'
+    assert reported.causes.startswith('joint3 is flexible or geared')
+    assert 'orbit' not in reported.causes
+
+
 @pytest.mark.parametrize('seed', [0, *(pytest.param(seed, marks=LONG) for seed in (3, 5))])
 def test_intervals_hold_with_one_link_ten_times_further_off_than_declared(
     seed: int, monkeypatch: pytest.MonkeyPatch

@@ -19,7 +19,6 @@ from mbaid_ros.core.diagnosis.readings import (
 )
 from mbaid_ros.core.filter.gaussian import SquareRootInformation
 from mbaid_ros.core.filter.hypotheses import LONGEST, HypothesisFilter, WhitenedWindows
-from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.filter.run import Run
 from mbaid_ros.core.forces import DisturbanceModel, disturbance_repair, disturbances
 from mbaid_ros.core.geometry import Array
@@ -39,10 +38,10 @@ from mbaid_ros.core.passive import swinging_text
 from mbaid_ros.core.repair import Conversion, Repair, widened
 from mbaid_ros.core.results.estimate import PULSE
 from mbaid_ros.core.results.innovations import Innovations
-from mbaid_ros.core.results.verdict import FOUND_NOISE, LARGEST_NIS, Cause, Verdict, too_small
+from mbaid_ros.core.results.verdict import FOUND_NOISE, LARGEST_NIS, Cause, too_small
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.state import BODY, Declared, Layout, Point
+from mbaid_ros.core.state import Declared, Layout, Point
 from mbaid_ros.core.target import target_changed_text
 from mbaid_ros.core.windows import Window, without_twist
 from mbaid_ros.tasks import AT_ONCE, Kind, Tasks, Work, outcome_or_none
@@ -109,6 +108,7 @@ class IsolationResult:
     causes: tuple[CandidateCause, ...]  # the likeliest first
     innovations: Innovations  # of the pass without jumps
     repairs: Mapping[str, Repair] = field(default_factory=dict)  # of forces and drifts, by the text of the cause
+    contradicting: float = 0.0  # gain of unknowns that contradict the model by themselves
 
     @property
     def leading(self) -> CandidateCause | None:
@@ -247,6 +247,7 @@ class CandidateCauses:
         points = [fits[0].point(self.layout)] if point is None else [point, fits[0].point(self.layout)]
         at, passed, base = yield from self._base(wide, windows, points)
         found: list[CandidateCause] = []
+        contradicting = wide.contradicting(base)
         candidates = chain(
             self._unknowns(windows, at, wide.gains(base, self.layout.causes)),
             self._conventions(windows, fits),
@@ -255,7 +256,7 @@ class CandidateCauses:
             self._vibrations(windows, at, wide.unpredicted(passed, base, quiet)),
         )
         for candidate in candidates:
-            found += yield from self._scored(candidate, base)
+            found += yield from self._scored(candidate, base, contradicting)
         for hypothesis in self.hypotheses[1:]:
             filtered = yield from wide.filtered(passed, hypothesis)
             cause = candidate_cause(hypothesis.cause, filtered, base, hypothesis.repair)
@@ -274,7 +275,9 @@ class CandidateCauses:
         if left > max(WORTH, _LEFT * base.misfit):
             found += yield from self._swinging(windows, at, base)
         found.sort(key=lambda each: -each.gain)
-        return IsolationResult(tuple(each for each in found if each.gain > WORTH), base.innovations, repairs)
+        return IsolationResult(
+            tuple(each for each in found if each.gain > WORTH), base.innovations, repairs, contradicting
+        )
 
     def _unknowns(
         self, windows: Sequence[Window], at: Point, gains: Mapping[str, tuple[float, float]]
@@ -340,8 +343,16 @@ class CandidateCauses:
             text = swinging_text(frequency, windows, self.layout.kernel.model.joint_names)
             yield Candidate(text, self.extended(vibration(frequency)), windows, at, vibrates=True)
 
-    def _scored(self, candidate: Candidate, base: SquareRootInformation) -> Work[list[CandidateCause]]:
-        """Return the gain of a candidate, or None if it has none."""
+    def _scored(
+        self, candidate: Candidate, base: SquareRootInformation, contradicting: float
+    ) -> Work[list[CandidateCause]]:
+        """Return the gain of a candidate, or None if it has none.
+
+        Parameters
+        ----------
+        base : after a pass without it
+        contradicting : gain of the unknowns that contradict the model there, which the candidate may explain as well
+        """
         left_out, point = candidate.point is None, candidate.point
         if len(candidate.windows) < FEWEST:
             return []
@@ -360,7 +371,7 @@ class CandidateCauses:
             if left_out or candidate.part < 1.0
             else filtered.gaussian.log_likelihood - base.log_likelihood
         )
-        gain *= candidate.weight
+        gain = candidate.weight * (gain + contradicting - candidate.passes.contradicting(filtered.gaussian))
         repair = candidate.repair_of(filtered) if gain > WORTH else None
         cause = CandidateCause(text, gain, of_twist=candidate.of_twist, repair=repair)
         return [replace(cause, vibrates=candidate.vibrates)]
@@ -623,6 +634,11 @@ class FaultIsolation:
         return self._found is not None
 
     @property
+    def contradicting(self) -> float:
+        """Gain of unknowns that contradict the model by themselves, in the latest search; infinite before one."""
+        return np.inf if self._found is None else self._found.contradicting
+
+    @property
     def _leading(self) -> CandidateCause | None:
         return None if self._found is None else self._found.leading
 
@@ -656,14 +672,3 @@ class FaultIsolation:
             repairs.setdefault(leading.cause, leading.repair or found.repairs.get(leading.cause))
         latest = self._noise.for_window(self._samples[-1])
         return ranked(gains, found.innovations, joint_noise_factor(self._samples, latest.joint_position), repairs)
-
-
-def with_findings(judgement: Verdict, distribution: MeanAndCovariance, layout: Layout) -> Verdict:
-    """Return a verdict on a run with each unknown's estimate that contradicts the model by itself as a cause."""
-    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
-        own = slice(place.start - BODY.stop, place.stop - BODY.stop)
-        found = unknown.finding(distribution.mean[place], distribution.unknowns_covariance[own, own])
-        if found is not None:
-            cause = Cause(found.text, found.gain or 0.0, found.repair)
-            judgement = replace(judgement.with_cause(cause), adequate=False)
-    return judgement

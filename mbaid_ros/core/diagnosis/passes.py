@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
@@ -17,6 +17,7 @@ from mbaid_ros.core.filter.linearise import LinearisationCache
 from mbaid_ros.core.filter.posterior import MeanAndCovariance, PriorComparison
 from mbaid_ros.core.geometry import Array, Integers, skew
 from mbaid_ros.core.repair import Repair
+from mbaid_ros.core.results.verdict import Cause
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import MomentumKernel, inertia_matrix
 from mbaid_ros.core.state import BODY, MOMENTUM, Declared, Layout, Point, UnknownsPrior, Variables, variables
@@ -221,6 +222,11 @@ class FilterPasses:
             found[cause] = float(gain), float(times)
         return found
 
+    def contradicting(self, gaussian: SquareRootInformation) -> float:
+        """Return the gain of all unknowns that contradict the model by themselves."""
+        found = contradicting_unknowns(MeanAndCovariance.from_gaussian(gaussian, self.variables), self.layout)
+        return sum(each.gain for each in found)
+
     def with_inflated_prior(self, cause: str, factor: float) -> FilterPasses:
         """Return the same with the prior of one cause so many times as wide."""
         known, wider = self.layout.known, np.ones(len(self.layout.cause_of))
@@ -243,6 +249,15 @@ class FilterPasses:
     def repair(self, filtered: HypothesisFilter, cause: str) -> Repair | None:
         """Return how a run takes a cause into account that is as large as it is estimated; None where it cannot."""
         return estimated_repair(MeanAndCovariance.from_gaussian(filtered.gaussian, self.variables), self.layout, cause)
+
+
+def contradicting_unknowns(distribution: MeanAndCovariance, layout: Layout) -> Iterator[Cause]:
+    """Yield each unknown whose estimate contradicts the model by itself, as a cause."""
+    for unknown, place in zip(layout.unknowns, layout.places, strict=True):
+        own = slice(place.start - BODY.stop, place.stop - BODY.stop)
+        found = unknown.finding(distribution.mean[place], distribution.unknowns_covariance[own, own])
+        if found is not None:
+            yield Cause(found.text, found.gain or 0.0, found.repair)
 
 
 def estimated_repair(distribution: MeanAndCovariance, layout: Layout, cause: str, wider: float = 1.0) -> Repair | None:

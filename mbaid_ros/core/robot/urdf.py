@@ -599,6 +599,14 @@ def scale_inertials(urdf: str, factors: Mapping[str, float]) -> str:
     return ET.tostring(robot, encoding='unicode')
 
 
+def scale_lengths(urdf: str, factor: float) -> str:
+    """Return a URDF with all its origins, of joints, inertials and shapes, a factor away."""
+    robot = tree_of(urdf, comments=True)
+    for origin in robot.iter('origin'):
+        origin.set('xyz', ' '.join(repr(factor * float(value)) for value in origin.get('xyz', '0 0 0').split()))
+    return ET.tostring(robot, encoding='unicode')
+
+
 def _part(robot: ET.Element, kind: str, name: str, part: str) -> ET.Element:
     """Return the part of a link or joint, added where there is none."""
     for element in robot.findall(kind):

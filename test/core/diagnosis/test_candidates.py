@@ -261,7 +261,12 @@ class Isolating(CandidateCauses):
                 return finished(passed(-100.0, explains=self.explained, jumps=self.pulses))
             return finished(passed({'force': self.force - 600.0, 'walk': -120.0}[hypothesis.name]))
 
-        return SimpleNamespace(filtered=filtered, gains=lambda *_: {}, unpredicted=lambda *_: np.zeros((0, 6)))
+        return SimpleNamespace(
+            filtered=filtered,
+            gains=lambda *_: {},
+            unpredicted=lambda *_: np.zeros((0, 6)),
+            contradicting=lambda _: 40.0,
+        )
 
     def _unknowns(self, *_: object) -> Any:
         return iter(self.found)
@@ -275,7 +280,8 @@ class Isolating(CandidateCauses):
     def _vibrations(self, *_: object) -> Any:
         return iter(())
 
-    def _scored(self, candidate: Any, _: object) -> Any:
+    def _scored(self, candidate: Any, _: object, contradicting: float) -> Any:
+        assert contradicting == 40.0
         return finished([CandidateCause(candidate, self.found[candidate])])
 
     def _target_changes(self, _: object, __: object, times: Sequence[float], ___: object) -> Any:
@@ -297,6 +303,7 @@ def isolated(jumps: Sequence[float] = (), **given: object) -> tuple[IsolationRes
 
 def test_all_gains_of_a_search_are_over_the_same_pass_and_small_ones_are_none() -> None:
     found, _ = isolated(found={'a link': 470.0, 'a zero': 9.0, 'a mount': 11.0})
+    assert found.contradicting == 40.0
     assert [(each.text, each.gain, each.physical) for each in found.causes] == [
         ('a walk', 480.0, False),
         ('a link', 470.0, True),

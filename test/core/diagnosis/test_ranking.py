@@ -57,10 +57,13 @@ def gaussian(misfit: float, log_likelihood: float) -> Any:
     return SimpleNamespace(misfit=misfit, log_likelihood=log_likelihood)
 
 
-def candidate(windows: int, part: float = 1.0, text: Any = 'the thing') -> list[CandidateCause]:
+def candidate(
+    windows: int, part: float = 1.0, text: Any = 'the thing', contradicting: tuple[float, float] = (0.0, 0.0)
+) -> list[CandidateCause]:
     """Return the causes that a candidate makes whose pass has a misfit of 30, and a log-likelihood of -130.
 
     Without it the misfit is 100, and the log-likelihood -200. A negative number of windows is of no robot that can be.
+    `contradicting` is the gain of unknowns that contradict the model, without it and with it.
     """
 
     def refined(*_: object) -> Work[Any]:
@@ -69,14 +72,14 @@ def candidate(windows: int, part: float = 1.0, text: Any = 'the thing') -> list[
             raise np.linalg.LinAlgError
         return SimpleNamespace(gaussian=gaussian(30.0, -130.0))
 
-    passes: Any = SimpleNamespace(refined=refined)
+    passes: Any = SimpleNamespace(refined=refined, contradicting=lambda _: contradicting[1])
     point: Any = 'a point'
     causes: Any = SimpleNamespace(hypotheses=('undisturbed',))
     made = Candidate(text, passes, [None] * abs(windows), point, of_twist=True, part=part)  # type: ignore[list-item]
     found: list[CandidateCause] = []
 
     def kept() -> Work[None]:
-        found.extend((yield from CandidateCauses._scored(causes, made, gaussian(100.0, -200.0))))
+        found.extend((yield from CandidateCauses._scored(causes, made, gaussian(100.0, -200.0), contradicting[0])))
 
     assert sum(kept()) == (1 if abs(windows) >= FEWEST else 0)
     return found
@@ -89,6 +92,10 @@ def candidate(windows: int, part: float = 1.0, text: Any = 'the thing') -> list[
 )
 def test_what_a_candidate_gains(part: float, gain: float) -> None:
     assert candidate(FEWEST, part) == [CandidateCause('the thing', gain, of_twist=True)]
+
+
+def test_a_candidate_gains_what_it_explains_of_unknowns_that_contradict_the_model() -> None:
+    assert candidate(FEWEST, contradicting=(40.0, 15.0))[0].gain == 70.0 + 25.0
 
 
 def test_what_leaves_few_windows_or_cannot_be_is_no_candidate() -> None:
