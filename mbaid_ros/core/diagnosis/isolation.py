@@ -63,6 +63,9 @@ _BEFORE = 10  # windows before a change of the target: the body before has to be
 _PARTS = 3  # of the first jumps, at which the target may have changed: later ones follow from the first
 # Levels, N/kg of the known bodies (N m at a metre), and times, s, of a force that varies.
 _PROCESS_LEVELS, _PROCESS_TIMES = (1e-5, 1e-4, 1e-3), (1.0, 10.0, 100.0)
+# Of the gain by the likeliest, that a force of shorter time may lack: real ones begin and end at once, and a smooth
+# process makes too little of that.
+_ROUGHER = 0.1
 _LEFT = 0.1  # of the misfit, that the likeliest cause leaves, for more to be looked for: less may be linearisation
 _LIGHTER = 1.5  # times its mass, that a link may look lighter by: noise may make it more than all
 FEWEST = 4  # windows that have to be left: fewer have hardly more numbers (six each) than body and momentum, sixteen
@@ -270,7 +273,7 @@ class CandidateCauses:
         # A loose joint explains anything that its encoder may hide: it comes after all causes with a mechanism.
         best = max((each.gain for each in found if each.physical), default=0.0)
         left = base.misfit - best
-        repairs = yield from self._processes(found, windows, at, best, leading)
+        repairs = yield from self._processes(found, windows, at, best, leading, base)
         found = [replace(each, repair=repairs.get(each.text, each.repair)) for each in found]
         if left > max(WORTH, _LEFT * base.misfit):
             found += yield from self._swinging(windows, at, base)
@@ -403,7 +406,13 @@ class CandidateCauses:
         return sorted(found, key=lambda each: -each.gain)[:1]
 
     def _processes(
-        self, found: Sequence[CandidateCause], windows: Sequence[Window], point: Point, best: float, leading: str
+        self,
+        found: Sequence[CandidateCause],
+        windows: Sequence[Window],
+        point: Point,
+        best: float,
+        leading: str,
+        base: SquareRootInformation,
     ) -> Work[dict[str, Repair]]:
         """Return the force and torque that explain a likely force, drift or vibration best, by the text of the cause.
 
@@ -415,13 +424,16 @@ class CandidateCauses:
         if best <= WORTH:  # what drifts may lead before the next search
             likely |= {each.cause for each in self.hypotheses if each.momentum > 0.0}
         likely &= names.keys()
-        process = (yield from self._process(windows, point)) if likely else None
+        process = (yield from self._process(windows, point, base.log_likelihood)) if likely else None
         return {} if process is None else {text: disturbance_repair(names[text], *process) for text in sorted(likely)}
 
     def _process(
-        self, windows: Sequence[Window], point: Point
+        self, windows: Sequence[Window], point: Point, base: float
     ) -> Work[tuple[DisturbanceModel, DisturbanceModel] | None]:
-        """Return a stationary torque and force that explain windows: of equally likely ones, the least smooth."""
+        """Return a stationary torque and force that explain windows, the least smooth of likely ones.
+
+        `base` is the log-likelihood without any.
+        """
         mass = float(np.sum(self.layout.kernel.known[:, 0]))
         likelihoods: dict[tuple[float, float, float], float] = {}
 
@@ -433,9 +445,12 @@ class CandidateCauses:
                 likelihoods[torque, force, time] = filtered.gaussian.log_likelihood
 
         def best() -> tuple[float, float, float]:
-            least = max(likelihoods.values()) - WORTH
-            likely = [each for each, value in likelihoods.items() if value >= least]
-            return min(likely, key=lambda each: (each[2], -each[0] - each[1]))
+            most = max(likelihoods.values())
+            least = most - max(WORTH, _ROUGHER * (most - base))
+            time = min(each[2] for each, value in likelihoods.items() if value >= least)
+            least = max(value for each, value in likelihoods.items() if each[2] == time) - WORTH
+            likely = [each for each, value in likelihoods.items() if each[2] == time and value >= least]
+            return max(likely, key=lambda each: each[0] + each[1])
 
         for time in _PROCESS_TIMES:
             for level in _PROCESS_LEVELS:

@@ -225,5 +225,19 @@ DISTURBED = (
     ),
 )
 
-CONDITIONS: tuple[Condition, ...] = (*UNDISTURBED, *WRONG_MODELS, *SENSORS, *DISTURBED, *benches(_PULSE))
+
+def _base_off(seed: int) -> World:
+    """Return a base that is 3 to 10 % heavier or lighter than described."""
+    rng = np.random.default_rng([seed, 4])
+    factor = 1.0 + rng.uniform(0.03, 0.1) * rng.choice([-1.0, 1.0])
+    return World(robots.scaled(robots.servicer(), BASE, factor), sinusoids())
+
+
+# Errors of a size between what is declared and what is told: their intervals hold, or they are named.
+DRAWN = (
+    Condition('drawn', 'a length scale of 0.9 to 1.1', servicer, defect=partial(readings.of_another_length, 0.1)),
+    Condition('drawn', 'the base 3 to 10 % off', _base_off, lambda _: robots.servicer(), varies=True),
+    Condition('drawn', 'one joint 5 to 80 ms late', servicer, defect=partial(readings.one_late, 5e-3, 80e-3)),
+)
+CONDITIONS: tuple[Condition, ...] = (*UNDISTURBED, *WRONG_MODELS, *SENSORS, *DISTURBED, *benches(_PULSE), *DRAWN)
 CATALOGUE = {condition.name: condition for condition in (*CONDITIONS, *STARTS)}

@@ -268,6 +268,26 @@ def slipped(joint: int, size: float, begin: float, readings: Readings, _rng: np.
     return _joints(readings, position=position)
 
 
+def one_late(least: float, most: float, readings: Readings, rng: np.random.Generator) -> Readings:
+    """Read one joint late, by a delay between two (s): both are drawn."""
+    truth, joint = readings.truth, int(rng.integers(readings.truth.joint_position.shape[1]))
+    before = truth.time - rng.uniform(least, most)
+    late = {}
+    for name in ('position', 'velocity'):
+        true, read = getattr(truth, f'joint_{name}')[:, joint], getattr(readings.joints, name).copy()
+        read[:, joint] += np.interp(before, truth.time, true) - true
+        late[name] = read
+    return _joints(readings, **late)
+
+
+def of_another_length(most: float, readings: Readings, rng: np.random.Generator) -> Readings:
+    """Let the odometry see lengths larger by a factor, up to so much from 1."""
+    factor = 1.0 + rng.uniform(-most, most)
+    return _base(
+        readings, position=factor * readings.base.position, linear_velocity=factor * readings.base.linear_velocity
+    )
+
+
 def _joints(readings: Readings, **changes: Array) -> Readings:
     return replace(readings, joints=replace(readings.joints, **changes))
 

@@ -19,6 +19,7 @@ from mbaid_ros.core.diagnosis.isolation import (
     _text_of,
 )
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.repair import widened
 from mbaid_ros.core.results.innovations import Innovations
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.state import Declared, Layout
@@ -209,6 +210,48 @@ class Target(CandidateCauses):
             return finished(passed(-100.0 - place - 5.0 * exchanged, explains=self.explained))
 
         return SimpleNamespace(target_changes=changes)
+
+
+class Pushed(CandidateCauses):
+    """Passes under forces and torques that vary."""
+
+    likelihoods: dict[tuple[str, float, float], float]
+
+    def extended(self, *processes: Any) -> Any:
+        """Return the passes: likelihoods are by kind, level and time."""
+        both = {type(each).__name__[8:].lower(): each.model for each in processes}
+        kind = 'both' if len(both) == 2 else next(iter(both))
+        model, mass = next(iter(both.values())), float(np.sum(KERNEL.known[:, 0]))
+        value = self.likelihoods.get((kind, round(model.deviation / mass, 7), model.time), -1000.0)
+        return SimpleNamespace(filtered_once=lambda *_: finished(passed(value)))
+
+
+@pytest.mark.parametrize(
+    ('likelihoods', 'found'),
+    [
+        ({('both', 1e-4, 10.0): 500.0}, (1e-4, 1e-4, 10.0)),
+        # A rougher one that lacks a tenth of the gain of 1000, and not more, is taken.
+        ({('both', 1e-4, 100.0): 500.0, ('both', 1e-3, 1.0): 401.0}, (1e-3, 1e-3, 1.0)),
+        ({('both', 1e-4, 100.0): 500.0, ('both', 1e-3, 1.0): 399.0}, (1e-4, 1e-4, 100.0)),
+        # Of one time, the largest level that is as likely.
+        ({('both', 1e-4, 1.0): 500.0, ('both', 1e-3, 1.0): 491.0}, (1e-3, 1e-3, 1.0)),
+        ({('both', 1e-4, 1.0): 500.0, ('both', 1e-3, 1.0): 489.0}, (1e-4, 1e-4, 1.0)),
+        # A torque alone, where that is likelier; a level in between.
+        ({('both', 1e-4, 1.0): 500.0, ('torque', 1e-4, 1.0): 520.0}, (1e-4, 0.0, 1.0)),
+        ({('both', 1e-4, 1.0): 500.0, ('both', 3e-4, 1.0): 520.0}, (3e-4, 3e-4, 1.0)),
+        # Of a small gain, what is ten apart counts.
+        ({('both', 1e-5, 100.0): -450.0, ('both', 1e-5, 1.0): -459.0}, (1e-5, 1e-5, 1.0)),
+        ({('both', 1e-5, 100.0): -450.0, ('both', 1e-5, 1.0): -461.0}, (1e-5, 1e-5, 100.0)),
+    ],
+)
+def test_a_varying_force_has_the_roughest_process_that_is_likely(
+    likelihoods: dict[tuple[str, float, float], float], found: tuple[float, float, float]
+) -> None:
+    made: Any = causes(type('Made', (Pushed,), {'likelihoods': likelihoods}))
+    torque, force = outcome(made._process([], None, -500.0))
+    mass = float(np.sum(KERNEL.known[:, 0]))
+    assert (torque.deviation, force.deviation) == tuple(widened(level * mass) for level in found[:2])
+    assert torque.time == force.time == found[2]
 
 
 def moved(count: int) -> list[Window]:
