@@ -200,6 +200,10 @@ def marker_text(mount: Array, marker: PlacedFrame | None) -> str:
     )
 
 
+def _long_or_short(value: Array) -> str:
+    return 'long' if np.sum(value) > 0.0 else 'short'
+
+
 @dataclass(frozen=True, eq=False)
 class OdometryScale(Linear):
     """Relative scale error s: positions are read (1 + s) times as far as they are."""
@@ -210,8 +214,8 @@ class OdometryScale(Linear):
             parameter='odometry.scale_std',
             remedy='the scale of the odometry: calibrate it (odometry.scale_std)',
             deviation=lambda _, value: (
-                f'the scale of the odometry is off: lengths {1e2 * np.sum(value):+.2g} % too long; calibrate it, or '
-                'raise odometry.scale_std'
+                f'the scale of the odometry is off: it reads lengths {1e2 * np.sum(np.abs(value)):.2g} % too '
+                f'{_long_or_short(value)}; calibrate it, or raise odometry.scale_std'
             ),
         )
     }
@@ -221,7 +225,7 @@ class OdometryScale(Linear):
         """Return the scale as uncertain as it is off."""
         del cause, kernel
         return wider_prior(
-            f'the odometry reads lengths {with_band(value, std, 1e2)} % too long',
+            f'the odometry reads lengths {with_band(np.abs(value), std, 1e2)} % too {_long_or_short(value)}',
             'odometry.scale_std',
             value,
             std,

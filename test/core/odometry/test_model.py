@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 from checked import generic, some
 from mbaid_ros.core.clocks import clock_drift, time_offset
-from mbaid_ros.core.contracts import Motion, Unknown
+from mbaid_ros.core.contracts import Motion, Unknown, deviation_text
 from mbaid_ros.core.filter.linearise import WindowModel
 from mbaid_ros.core.geometry import Array, crossed, exp, rotate, rotate_back
 from mbaid_ros.core.gyro import IMU, GyroErrors, gyro, gyro_sensor
@@ -324,3 +324,12 @@ def test_sensors_on_a_link_are_off_by_errors_of_joints_as_the_columns_say(
         off = left(nothing, value)
         assert np.abs(off).min() > 1e-9
         assert left(value, value) == pytest.approx(off, abs=part * np.abs(off).max())
+
+
+@pytest.mark.parametrize(('scale', 'text'), [(0.07, '7 % too long'), (-0.092, '9.2 % too short')])
+def test_a_wrong_scale_is_said_as_lengths_that_are_too_long_or_too_short(scale: float, text: str) -> None:
+    value, std = np.array([scale]), np.array([0.002])
+    assert text in deviation_text(SCALE.labels[0], value)
+    found = SCALE.repair('', value, std, cast(MomentumKernel, None))
+    size, _, ending = text.partition(' %')
+    assert found.cause == f'the odometry reads lengths +{size} ± 0.39 %{ending}'
