@@ -13,7 +13,7 @@ import numpy as np
 from mbaid_ros.core.filter.linearise import predict
 from mbaid_ros.core.geometry import Array, composed, cross, log, rotate, rotate_back
 from mbaid_ros.core.robot.model import express
-from mbaid_ros.core.robot.momentum import in_plane, inverse_inertia_and_momentum
+from mbaid_ros.core.robot.momentum import inverse_inertia_and_momentum
 from mbaid_ros.core.samples import ArrayRecord
 from mbaid_ros.core.state import Layout, Point
 from mbaid_ros.core.swing import starting_states, transition_steps
@@ -91,17 +91,16 @@ class FloatingRobot:
         still = np.zeros((len(position), 6))
         twists = kernel.kinematics.body_twists(placed, joint_velocity.reshape(position.shape), still)
         bodies = express(kernel.body_parameters(self.point.body), placed.rotation, placed.position)
-        inverse_inertia, moving = inverse_inertia_and_momentum(bodies, twists)
+        inverse_inertia, moving = inverse_inertia_and_momentum(bodies, twists, self._plane_of_base)
         if kernel.storage.count:
             readings = np.broadcast_to(self.stored, (len(position), len(self.stored)))
             moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, readings), axis=1)
-        if self.plane is not None:
-            inverse_inertia = in_plane(inverse_inertia, self._plane_of_base(self.plane))
         return inverse_inertia.reshape(*shape, 6, 6), moving.reshape(*shape, 6)
 
-    def _plane_of_base(self, plane: Array) -> Array:
-        """Return the equations of a planar motion in base axes: a turn about the normal only mixes them."""
-        return np.concatenate((plane[:, :3] @ self.rotation, plane[:, 3:] @ self.rotation), axis=1)
+    @property
+    def _plane_of_base(self) -> Array | None:
+        """The equations of a planar motion in base axes: a turn about the normal only mixes them; None in space."""
+        return None if self.plane is None else (self.plane.reshape(3, 2, 3) @ self.rotation).reshape(3, 6)
 
 
 def base_motions(

@@ -35,7 +35,6 @@ from mbaid_ros.core.robot.momentum import (
     BodyStates,
     MomentumKernel,
     about_points,
-    in_plane,
     inverse_inertia_and_joint_momentum,
     link_columns,
     summed_over_bodies,
@@ -98,9 +97,9 @@ def predict(layout: Layout, middle: Midpoints, point: Point, along: Array | None
     placed = kinematics.configure(middle.base_rotation, middle.joint_position)
     body_twist = kinematics.body_twists(placed, middle.joint_velocity, np.zeros((len(middle), 6)))
     expressed = express(known, placed.rotation, placed.position)
-    inverse_inertia, moving = inverse_inertia_and_joint_momentum(kernel, middle.stored, expressed, placed, body_twist)
-    if layout.plane is not None:
-        inverse_inertia = in_plane(inverse_inertia, layout.plane)
+    inverse_inertia, moving = inverse_inertia_and_joint_momentum(
+        kernel, middle.stored, expressed, placed, body_twist, layout.plane
+    )
     gravity_columns = about_points(middle.gravity_columns, middle.base_position)
     thrust = about_points(middle.thrust, middle.base_position, THRUSTER_ERRORS)
     linear, about_base = total_momentum(middle, point, known, (gravity_columns, thrust))

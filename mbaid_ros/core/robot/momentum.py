@@ -498,8 +498,11 @@ def _base_twists(rotation: Array) -> Array:
     return twists
 
 
-def inverse_inertia_and_momentum(bodies: Array, body_twist: Array) -> tuple[Array, Array]:
+def inverse_inertia_and_momentum(bodies: Array, body_twist: Array, plane: Array | None = None) -> tuple[Array, Array]:
     """Return the inverse of the locked inertia (N, 6, 6) and the momentum (N, 6) of all bodies about the base's origin.
+
+    Of a robot kept in a plane it is the inverse in the plane: the constraint takes up all momentum out of it, and the
+    moments about axes in the plane, which are unknown, may be zero.
 
     Raises LinAlgError: All mass lies on a line, and the locked inertia has no inverse.
 
@@ -507,27 +510,26 @@ def inverse_inertia_and_momentum(bodies: Array, body_twist: Array) -> tuple[Arra
     ----------
     bodies : (N, b, 10) standard parameters of the bodies at N instants, about the base's origin in common axes
     body_twist : (N, b, 6) (u, w) at the base's origin
+    plane : (3, 6) rows of a planar motion in these axes; None in space
     """
-    inverse_inertia = np.linalg.inv(inertia_matrix(np.sum(bodies, axis=1)))
-    return inverse_inertia, np.sum(momentum(bodies, body_twist), axis=1)
+    inertia = inertia_matrix(np.sum(bodies, axis=1))
+    inverse = np.linalg.inv(inertia) if plane is None else plane.T @ np.linalg.inv(plane @ inertia @ plane.T) @ plane
+    return np.asarray(inverse), np.sum(momentum(bodies, body_twist), axis=1)
 
 
 def inverse_inertia_and_joint_momentum(
-    kernel: MomentumKernel, stored: Array, bodies: Array, placed: Configuration, body_twist: Array
+    kernel: MomentumKernel,
+    stored: Array,
+    bodies: Array,
+    placed: Configuration,
+    body_twist: Array,
+    plane: Array | None = None,
 ) -> tuple[Array, Array]:
     """Return M^-1 and the momentum of the joint motion at a resting base, that stored inside bodies included.
 
     `stored` (N, c) are its readings; `bodies` (N, b, 10) are those of `placed`, in common axes about the base's origin.
     """
-    inverse_inertia, moving = inverse_inertia_and_momentum(bodies, body_twist)
+    inverse_inertia, moving = inverse_inertia_and_momentum(bodies, body_twist, plane)
     if kernel.storage.count:
         moving[:, 3:] += np.sum(kernel.storage.momenta(placed.rotation, stored), axis=1)
     return inverse_inertia, moving
-
-
-def in_plane(inverse_inertia: Array, plane: Array) -> Array:
-    """Return the (N, 6, 6) matrices from momentum to twist of a robot kept in a plane with (3, 6) rows.
-
-    The constraint takes up all momentum out of the plane.
-    """
-    return np.asarray(plane.T @ np.linalg.inv(plane @ np.linalg.inv(inverse_inertia) @ plane.T) @ plane)
