@@ -265,7 +265,9 @@ def update_together(
             force[:, -2] -= dtrtrs(force[:, :-2], after.right[:, own].T @ moved, trans=1)[0]
             diagonal = diagonal * by_force
         nis = float(residual @ residual)
-        growth = -2.0 * float(np.add.reduce(np.log(np.abs(diagonal))))
+        # Zero is lost to rounding, at a robot far off: infinitely unlikely.
+        logarithms = np.log(np.abs(diagonal), out=np.full(count, -np.inf), where=diagonal != 0.0)
+        growth = -2.0 * float(np.add.reduce(logarithms))
         updated.append(
             SquareRootInformation(
                 after,
