@@ -39,7 +39,7 @@ from mbaid_ros.simulation.simulation import (
 )
 from mbaid_ros.simulation.steered import SteeredMotion, TrajectoryMotion, motion_along
 from mbaid_ros.simulation.true_robot import ErrorStds, ModelErrors, draw, generator
-from mbaid_ros.simulation.tumbling import FreeMotion, TargetCamera, Tracking
+from mbaid_ros.simulation.tumbling import FreeMotion, GraspedMotion, TargetCamera, TrackedMotion, Tracking
 
 _QUATERNION_TOLERANCE = 1e-3
 _NOT_OF_LINKS = ('seed', 'frequency_relative_std')  # of the model errors
@@ -124,7 +124,7 @@ def make_target(config: SimulatorConfig, link: Link, motion: Motion) -> Target |
             'no body; accepted: a mass > 0 and principal moments > 0, none larger than the sum of the other two'
         )
     velocities = np.array(capture.linear_velocity), np.array(capture.angular_velocity)
-    return Target(capture.time, link.name, body, *velocities)
+    return Target(capture.time, link.name, body, *velocities, capture.settling)
 
 
 def make_initial_state(config: SimulatorConfig, model: RobotModel, motion: Motion) -> State:
@@ -228,23 +228,32 @@ def make_simulation(
     return Simulation(model, motion, start, environment=around)
 
 
-def make_target_camera(config: SimulatorConfig, simulation: Simulation | PiecewiseSimulation) -> TargetCamera | None:
-    """Return what tracks the target before its capture; None without one.
+def make_target_camera(
+    config: SimulatorConfig, model: RobotModel, simulation: Simulation | PiecewiseSimulation
+) -> TargetCamera | None:
+    """Return what tracks the target before its capture, and maybe after it; None without one.
 
-    Raises ParameterError: Nothing is captured, or that in an orbit.
+    Raises ParameterError: Nothing is captured.
     """
     tracked = config.target_pose
     if tracked.rate == 0.0:
         return None
-    if not isinstance(simulation, CaptureSimulation) or config.orbit.mean_motion > 0.0:
+    if not isinstance(simulation, CaptureSimulation):
         raise ParameterError(
-            f"parameter 'target_pose.rate' is {tracked.rate:g} Hz with capture.time {config.capture.time:g} s and "
-            f'orbit.mean_motion {config.orbit.mean_motion:g} rad/s; accepted: a capture, and no orbit'
+            f"parameter 'target_pose.rate' is {tracked.rate:g} Hz with capture.time {config.capture.time:g} s; "
+            'accepted: a capture'
         )
-    motion, until = FreeMotion(simulation.target, *simulation.link_pose), simulation.target.time
+    orbit = make_orbit(config.orbit)
+    free, time = FreeMotion(simulation.target, *simulation.link_pose, orbit), simulation.target.time
+    until, grasped = time + tracked.after, None
+    if tracked.after > 0.0:  # by a run of its own, which is asked for other instants
+        again = make_simulation(config, model)
+        assert isinstance(again, CaptureSimulation), 'as the first'
+        grasped = GraspedMotion(again, model)
+    motion = TrackedMotion(free, grasped, orbit if orbit is not None and orbit.is_rotating else None)
     noise = tracked.position_noise, tracked.orientation_noise
     tracking = Tracking(np.array(tracked.position), tracked.rate, *noise, tracked.missing)
-    return TargetCamera(motion, until, tracking, config.seed)
+    return TargetCamera(motion, time, tracking, config.seed, until)
 
 
 def make_springs(config: SimulatorConfig, model: RobotModel) -> Springs | None:

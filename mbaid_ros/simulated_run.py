@@ -108,7 +108,7 @@ class SimulatedRun:
         further = make_further(config, self.robot)
         named: dict[str, SimulatedImuConfig | SimulatedPoseConfig] = {**config.further_gyros, **config.further_poses}
         self._named = named
-        self._camera = make_target_camera(config, simulation)
+        self._camera = make_target_camera(config, self.robot, simulation)
         self._read = 0.0  # s, until which it has been
         self._sensed = SensedSimulation(simulation, sensors, config.joint_rate, config.odometry_rate, further)
 

@@ -1,81 +1,134 @@
-"""Print errors and coverage after the capture of a body that was tracked, with and without its poses.
+"""Write in measured/accuracy.md what the poses of a target before its capture are worth, and whether intervals hold.
 
-    python scripts/benchmark_tracked.py servicer7 0.05 --seeds 12 --after 34
-
-Encoders and odometry of the middle kind at 20 Hz, poses of the body with 5 mm and 5 mrad at 5 Hz for 60 s, 3 deg/s.
+python scripts/benchmark_tracked.py --seeds 50 --store FOLDER --output docs
 """
 
-import argparse
-import sys
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.frame import table
-from benchmarks.tracked import AFTER, CAPTURE, REST, caught, estimates
+from benchmarks.frame import Frame, Runs, number, percent, provenance, table
+from benchmarks.tracked import CAPTURE, REST, caught, estimates
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 
-_AT_REST = 2.5  # s after the capture, with the arm at rest
 _INTERVAL = 1.96  # standard deviations
-_GROUPS = {'mass': slice(0, 1), 'centre of mass': slice(1, 4), 'inertia': slice(4, 10)}
+_LONG = 5  # one of so many seeds moves for the longest time
+_MARGIN = 1.0  # s, of the run after the last time
+_GROUPS = {'mass': (slice(0, 1), 1.0), 'centre': (slice(1, 4), 1e3), 'inertia': (slice(4, 10), 1.0)}
 
 
-def times(after: float) -> list[float]:
-    """Return the times after the capture, s, of which estimates count."""
-    return [_AT_REST, *(REST + motion for motion in (10.0, 30.0, 60.0) if REST + motion < after)]
+@dataclass(frozen=True)
+class Row:
+    """A robot, a speed of approach in m/s, and times after the capture, s, whose estimates count."""
+
+    robot: str
+    approach: float
+    times: tuple[float, ...]
+
+    @property
+    def name(self) -> str:
+        """The name of its file."""
+        return f'{self.robot}-{1e3 * self.approach:g}-{self.times[-1]:g}'
 
 
-def errors(found: list[Estimate], true: Array, moments: list[float]) -> Array:
+ROWS = [
+    Row(robot, approach, times)
+    for times in ((REST, REST + 10.0, REST + 30.0), (REST + 60.0,))
+    for robot in ('servicer7', 'table1')
+    for approach in (0.005, 0.05)
+]
+
+
+@dataclass(frozen=True)
+class Outcome(Runs):
+    """Errors and standard deviations (N, 2, T, 10), with and without the poses, NaN where withheld."""
+
+    error: Array
+    std: Array
+
+
+def run(row: Row, seed: int) -> Outcome:
+    """Return the outcome of a seed."""
+    made = caught(row.robot, seed, row.approach, after=row.times[-1] + _MARGIN)
+    both = [numbers(estimates(made, tracked=tracked), made.together, row.times) for tracked in (True, False)]
+    return Outcome(*np.moveaxis(np.array(both), 2, 0))
+
+
+def numbers(found: list[Estimate], true: Array, times: tuple[float, ...]) -> Array:
     """Return error and standard deviation (T, 2, 10) of the last estimate by each time; NaN where it is withheld."""
     rows = []
-    for moment in moments:
-        last = [each for each in found if each.time <= CAPTURE + moment][-1]
+    for time in times:
+        last = [each for each in found if each.time <= CAPTURE + time][-1]
         given = last.identifiable if last.status != 'inconsistent' else np.zeros(10, dtype=bool)
-        both = np.array((last.parameters - true, last.std))
-        rows.append(np.where(given, both, np.nan))
+        rows.append(np.where(given, np.array((last.parameters - true, last.std)), np.nan))
     return np.array(rows)
 
 
+def lines(row: Row, outcome: Outcome) -> Iterator[list[str]]:
+    """Yield the lines of a row, one a time."""
+    for place, time in enumerate(row.times):
+        error, std = outcome.error[:, :, place], outcome.std[:, :, place]
+        motion = 'at rest' if time == REST else f'{time - REST:g} s'
+        yield [
+            f'{row.robot}, {1e3 * row.approach:g} mm/s',
+            motion,
+            str(len(error)),
+            *(_size(unit * error[:, :, part]) for part, unit in _GROUPS.values()),
+            _ratio(error),
+            *(_coverage(error[:, index] / std[:, index]) for index in (0, 1)),
+        ]
+
+
+def _size(error: Array) -> str:
+    """Return the root mean square of errors (N, 2, k) and the share of runs that publish any, with and without."""
+    cells = []
+    for each in (error[:, 0], error[:, 1]):
+        known = np.isfinite(each)
+        rms = float(np.sqrt(np.mean(each[known] ** 2))) if known.any() else np.nan
+        cells.append(f'{number(rms)} ({percent(float(np.mean(known.any(axis=1))))})')
+    return ' / '.join(cells)
+
+
+def _ratio(error: Array) -> str:
+    """Return the median over the numbers of rms errors (N, 2, 10) with over without, in runs that publish both."""
+    both = np.isfinite(error).sum(axis=1) == error.shape[1]
+    square = np.sum(np.where(both[:, None], error, 0.0) ** 2, axis=0)[:, both.any(axis=0)]
+    return number(float(np.sqrt(np.median(square[0] / square[1])))) if square.size else '-'
+
+
+def _coverage(relative: Array) -> str:
+    """Return the share of errors over their standard deviations (N, 10) within 95 %, and the largest."""
+    given = np.abs(relative[np.isfinite(relative)])
+    return f'{percent(float(np.mean(given < _INTERVAL)))} ({given.max():.1f})' if given.size else '-'
+
+
+_HEADER = (
+    'robot, approach',
+    'motion',
+    'runs',
+    'mass, kg',
+    'centre, mm',
+    'inertia, kg m²',
+    'error with / without',
+    'within 95 %: with',
+    'without',
+)
+
+
 def main() -> None:
-    """Print the table of one robot and one speed of approach."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('robot', choices=('servicer7', 'table1'))
-    parser.add_argument('approach', type=float, help='m/s')
-    parser.add_argument('--seeds', type=int, default=50)
-    parser.add_argument('--after', type=float, default=AFTER, help='s, after the capture')
-    given = parser.parse_args()
-    moments = times(given.after)
-    results: list[list[Array]] = [[], []]
-    for seed in range(given.seeds):
-        run = caught(given.robot, seed, given.approach, after=given.after)
-        for place, tracked in enumerate((True, False)):
-            results[place].append(errors(estimates(run, tracked=tracked), run.together, moments))
-            print(given.robot, given.approach, seed, tracked, results[place][-1].tolist(), file=sys.stderr, flush=True)
-    rows = []
-    for place, name in enumerate(('tracked', 'not tracked')):
-        every = np.array(results[place])  # (seeds, T, 2, 10)
-        for index, moment in enumerate(moments):
-            for group, part in _GROUPS.items():
-                error, std = every[:, index, 0, part], every[:, index, 1, part]
-                known = np.isfinite(error)
-                if not known.any():
-                    rows.append([name, f'{moment:g} s', group, '0 %', '-', '-', '-'])
-                    continue
-                within = float(np.mean(np.abs(error[known]) < _INTERVAL * std[known]))
-                rms, most = float(np.sqrt(np.mean(error[known] ** 2))), float(np.max(np.abs(error / std)[known]))
-                rows.append(
-                    [
-                        name,
-                        f'{moment:g} s',
-                        group,
-                        f'{np.mean(known):.0%}',
-                        f'{rms:.3g}',
-                        f'{within:.0%}',
-                        f'{most:.1f}',
-                    ]
-                )
-    header = ['poses', 'after the capture', 'parameters', 'published', 'rms error', 'within 95 %', 'largest deviation']
-    print(table(header, rows))
+    """Run the benchmark."""
+    frame = Frame(__doc__, 'measured/accuracy.md', seeds=50)
+    rows = frame.chosen(ROWS, lambda row: row.name)
+    seeds = {row: frame.arguments.seeds // (1 if len(row.times) > 1 else _LONG) for row in rows}
+    files = {row: row.name for row in rows if seeds[row]}
+    found = [line for row, outcome in frame.outcomes(Outcome, run, files, seeds) for line in lines(row, outcome)]
+    text = table(_HEADER, found)
+    print(text)
+    frame.write(tracked=f'{text}\n\n{provenance()}')
 
 
 if __name__ == '__main__':

@@ -127,6 +127,8 @@ class SimulatedCaptureConfig:
     """Velocity of the captured body's centre of mass just before the capture, in odometry axes."""
     angular_velocity: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'rad/s', lengths=(3,))
     """Angular velocity of the captured body just before the capture, in odometry axes."""
+    settling: float = parameter(0.0, 's', minimum=0.0)
+    """Time in which the captured body slips in the grasp, until it is where capture.com has it; 0: held at once."""
 
 
 @dataclass(frozen=True)
@@ -134,9 +136,9 @@ class SimulatedTargetPoseConfig:
     """Poses of a frame on the captured body before its capture, as a camera tracks it."""
 
     rate: float = parameter(0.0, 'Hz', minimum=0.0, maximum=1e4)
-    """Poses a second on target_pose, until the capture; 0 is none."""
+    """Poses a second on target_pose, until the capture or target_pose.after it; 0 is none."""
     position: tuple[float, ...] = parameter((0.0, 0.0, 0.0), 'm', lengths=(3,))
-    """Origin of the tracked frame in the target link's frame at the capture; its axes are those of the link then."""
+    """Origin of the tracked frame in the target link's frame once grasped; its axes are those of the link then."""
     position_noise: float = parameter(0.0, 'm', minimum=0.0)
     """Noise of each coordinate of a pose."""
     orientation_noise: float = parameter(0.0, 'rad', minimum=0.0)
@@ -145,6 +147,8 @@ class SimulatedTargetPoseConfig:
     """Time from the measurement, which the stamp has, to the message."""
     missing: float = parameter(0.0, minimum=0.0, maximum=1.0)
     """Part of the poses that are missing, drawn by seed."""
+    after: float = parameter(0.0, 's', minimum=0.0)
+    """Time after the capture for which poses go on."""
 
 
 @dataclass(frozen=True)

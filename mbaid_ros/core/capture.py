@@ -26,10 +26,16 @@ ENOUGH = 50  # redundant equations, before residual and jumps are judged: varian
 BEFORE = 'before the capture only the known model is checked; nothing is identified'
 MARGIN = 0.5  # s, before and after the capture, in which bodies touch and slip: those windows are not used
 _KEPT = 240  # windows before the capture, at most, by which the robot's momentum depends on its errors
-NOT_TAKEN = 'the poses of the target do not count: orbit.mean_motion is set, or method is not trajectory'
+NOT_TAKEN = 'the poses of the target do not count: method is not trajectory'
+SLIPPED = (
+    'at the capture the tracked frame is {:.2g} deg and {:.2g} m from where target.frame has it: the body slips in the '
+    'grasp (set capture.settling), or target.frame, joints or poses are wrong'
+)
 NO_ROBOT = 'the motion of the tracked target does not count: no window of the robot before the capture is usable'
 _SLACK = 1e-9  # s, by which times of stamps in nanoseconds may differ as numbers
 _REMEMBERED = 200  # estimates, in which an event that is found late has to lie: those before are final
+_GOES_ON = 3.0  # s after the body has settled, in which poses that go on show how it is held
+_APART = 0.03  # rad, m: what joints, mount and camera may miss together, when a given target.frame is compared
 _JUMP = 60.0  # chi-square of six numbers, which chance exceeds once in 1e10 windows
 
 
@@ -46,7 +52,7 @@ class CaptureConfig:
     """Interpret a jump of the momentum as the capture, once pre_capture has lasted five seconds."""
     settling: float = parameter(0.0, 's', minimum=0.0)
     """Time after the capture in which the body may slip in the grasp; of a target tracked before (target_pose), the
-    velocity of its centre of mass alone counts then."""
+    velocity of its centre of mass alone counts then, unless target.frame or poses after it show how it is held."""
 
 
 @dataclass(frozen=True)
@@ -207,6 +213,7 @@ class CaptureEstimator:
         self._tracked: TargetAtCapture | None = None
         self._notes: tuple[str, ...] = ()  # about the tracked target
         self._begun = False  # whether a window after the capture has been used
+        self._held: list[Samples] = []  # windows after it that wait for poses
         self.method = self._method.method
         self.needs_rates = self._method.needs_rates
         self.time: float | None = None
@@ -254,8 +261,12 @@ class CaptureEstimator:
                 self._note_target_pose(window, self.time)
             if window.time[0] > self.time + max(MARGIN, self._settling) - _SLACK:
                 later.append(self._with_tide_since_capture(window))
+        later = [*self._held, *later]
+        self._held = later if later and not self._begun and self._waits(later, origin) else []
+        if self._held:
+            later = []
         if later and not self._begun:
-            self._begin(origin)
+            self._begin(later, origin)
         found = self._method.update(later, origin) if later else []
         self._estimates.extend(found)
         doubts = notes((*self._notes, *self._doubts()))
@@ -264,10 +275,17 @@ class CaptureEstimator:
     def restart_at(self, time: float) -> None:
         """Move the capture to a later time (s) and begin the method anew."""
         self.time, self._method, self._target_pose = time, self._make(), None
-        self._tracked, self._notes, self._begun = None, (), False
+        self._tracked, self._notes, self._begun, self._held = None, (), False, []
         self._estimates.clear()
 
-    def _begin(self, origin: int) -> None:
+    def _waits(self, later: list[Samples], origin: int) -> bool:
+        """Return whether poses of the target that go on are yet to show how the body is held once it has settled."""
+        if self.time is None or self._settling == 0.0 or not self._track or self._track.frame is not None:
+            return False
+        settled = self.time + self._settling
+        return self._track.goes_on(origin + round(self.time * 1e9)) and later[-1].time[-1] < settled + _GOES_ON
+
+    def _begin(self, later: list[Samples], origin: int) -> None:
         """Begin the method anew where the target was tracked before the capture; origin: ns, at time 0."""
         self._begun = True
         if not self._track or self._at_capture is None or self.time is None:
@@ -283,17 +301,24 @@ class CaptureEstimator:
         flight, self._notes = self._track.flight(self.kernel, windows, origin, end, self.time)
         if flight is None:
             return
+        frame = self._track.frame
+        if frame is None and self._settling > 0.0:
+            frame = self._track.grasped(self.kernel, later, origin, self.time + self._settling)
         wider = max(chaser.residual, 1.0) if np.isfinite(chaser.residual) else 1.0
         self._tracked = TargetAtCapture(
             self.time,
             flight,
             self.kernel,
             self._at_capture,
-            chaser.momentum,
+            chaser.momentum + self._tide_before_capture(),
             wider * np.linalg.cholesky(chaser.covariance),
             self._known.columns,
             rigid=self._settling == 0.0,
+            frame=frame,
         )
+        turned, away = self._tracked.apart
+        if self._settling == 0.0 and max(turned, away) > _APART:
+            self._notes = (*self._notes, SLIPPED.format(np.rad2deg(turned), away))
         self._method = self._make_tracked(self._tracked)
 
     def _with_tide_since_capture(self, window: Samples) -> Samples:

@@ -1,10 +1,12 @@
 """A free body by its tracked poses: centre of mass on a straight line, rotation by Euler's equation without a torque.
 
-The inertia enters by its ratios alone, E = 3 I / tr(I), of a body of any shape that exists.
+The inertia enters by its ratios alone, E = 3 I / tr(I), of a body of any shape that exists. In an orbit the gravity
+gradient moves and turns it, as seen from the frame that falls along.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +29,7 @@ TURN, CENTRE, VELOCITY, SPIN, LEVER, SHAPE = (
 _SIZE = 20  # unknowns, in this order
 _STEP_ANGLE = 0.05  # rad, that the body turns in a step of the integrator: fourth order leaves 1e-7 of that
 _MOST_STEPS = 4000
+_STEP_OF_FALL = 2.0  # s, of the integrator of a fall: a thousandth of an orbit leaves 1e-12 of it
 _LEVER_PRIOR, _SHAPE_PRIOR = 10.0, 1.0  # m, 1: they fix what the motion leaves open, and are taken out again
 _PERTURBED = 1e-6  # of the spin in rad/s times the length in s, and of the ratios, for derivatives
 _ITERATIONS, _ITERATIONS_OF_PART = 25, 6  # at most: of all poses, and of the last ones alone
@@ -43,6 +46,8 @@ _TENTH_OF_THREE = 2.5  # what the root of the sum of three squares of them excee
 _CORRELATED = 4.0  # standard deviations of an autocorrelation, from which the errors of poses count as correlated
 _EXPLAINED = 1.4  # typical normalised residual squared, from which other starts are tried
 FEWEST = 12  # poses
+# From (N,) s after the capture to the gradients G of gravity there, (N, 3, 3) 1/s^2, in the axes of the poses.
+Gradient = Callable[[Array], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,10 +57,11 @@ class Track:
     time: Array  # (N,) s, the capture at 0
     position: Array  # (N, 3) m, in the odometry frame
     rotation: Array  # (N, 3, 3) to the odometry frame
+    gradient: Gradient | None = None  # of gravity, in a frame that falls in an orbit; None without one
 
     def __getitem__(self, index: Flags | slice) -> Track:
         """Return some of the poses."""
-        return Track(self.time[index], self.position[index], self.rotation[index])
+        return replace(self, time=self.time[index], position=self.position[index], rotation=self.rotation[index])
 
     @property
     def inverse(self) -> Track:
@@ -136,23 +142,24 @@ def inertia_of(shape: Array) -> Array:
     return np.asarray((axes * share[..., None, :]) @ np.swapaxes(axes, -1, -2))
 
 
-def tumbled(time: Array, spin: Array, shape: Array) -> Array:
-    """Return the orientations (V, N, 3, 3), relative to that at time 0, of V bodies that no torque acts on.
+def tumbled(time: Array, spin: Array, shape: Array, gradient: Gradient | None = None) -> Array:
+    """Return the orientations (V, N, 3, 3), relative to that at time 0, of V free bodies.
 
     Parameters
     ----------
     time : (N,) s
     spin, shape : (V, 3) rad/s in body axes at time 0; (V, 5)
+    gradient : of gravity, in body axes at time 0; None where no torque acts
     """
     result = np.empty((len(spin), len(time), 3, 3))
     for ahead in (True, False):
         part = time >= 0.0 if ahead else time < 0.0
         if part.any():
-            result[:, part] = _one_way(time[part], spin, shape)
+            result[:, part] = _one_way(time[part], spin, shape, gradient)
     return result
 
 
-def _one_way(time: Array, spin: Array, shape: Array) -> Array:
+def _one_way(time: Array, spin: Array, shape: Array, gradient: Gradient | None) -> Array:
     """Return as `tumbled`, of times with one sign."""
     end = float(time[np.argmax(np.abs(time))])
     fastest = float(np.max(np.linalg.norm(spin, axis=1)))
@@ -161,31 +168,84 @@ def _one_way(time: Array, spin: Array, shape: Array) -> Array:
     inertia = inertia_of(shape)[:, None]  # of each body, at any number of instants
     inverse = np.linalg.inv(inertia)
 
-    def rate(value: Array) -> Array:
-        return -rotate(inverse, cross(value, rotate(inertia, value)))
+    def rate(value: Array, torque: Array) -> Array:
+        return rotate(inverse, torque - cross(value, rotate(inertia, value)))
 
-    def stepped(value: Array, length: Array | float) -> Array:
-        first = rate(value)
-        second = rate(value + 0.5 * length * first)
-        third = rate(value + 0.5 * length * second)
-        last = rate(value + length * third)
+    def stepped(value: Array, length: Array | float, torque: Array) -> Array:
+        first = rate(value, torque)
+        second = rate(value + 0.5 * length * first, torque)
+        third = rate(value + 0.5 * length * second, torque)
+        last = rate(value + length * third, torque)
         return np.asarray(value + length / 6.0 * (first + 2.0 * second + 2.0 * third + last))
 
-    spins = [spin[:, None]]
-    for _ in range(count):
-        spins.append(stepped(spins[-1], step))
-    rates = np.concatenate(spins, axis=1)
-    middle = stepped(rates[:, :-1], 0.5 * step)
-    turns = exp(_turn(rates[:, :-1], middle, rates[:, 1:], step))
-    orientations = [np.broadcast_to(np.eye(3), (len(spin), 3, 3))]
-    for place in range(count):
-        orientations.append(orientations[-1] @ turns[:, place])
-    nodes = np.stack(orientations, axis=1)
+    def followed(torques: Array) -> tuple[Array, Array]:
+        """Return spins and orientations at the ends of all steps, with a constant torque (V, count, 3) in each."""
+        spins = [spin[:, None]]
+        for place in range(count):
+            spins.append(stepped(spins[-1], step, torques[:, place : place + 1]))
+        rates = np.concatenate(spins, axis=1)
+        middle = stepped(rates[:, :-1], 0.5 * step, torques)
+        turns = exp(_turn(rates[:, :-1], middle, rates[:, 1:], step))
+        orientations = [np.broadcast_to(np.eye(3), (len(spin), 3, 3))]
+        for place in range(count):
+            orientations.append(orientations[-1] @ turns[:, place])
+        return rates, np.stack(orientations, axis=1)
+
+    torques: Array = np.zeros((len(spin), count, 3))
+    rates, nodes = followed(torques)
+    if gradient is not None:
+        # So small a torque follows from the orientations without it, in the middle of each step.
+        halfway = nodes[:, :-1] @ exp(0.5 * step * rates[:, :-1])
+        torques = gravity_torque(gradient((np.arange(count) + 0.5) * step), halfway, inertia)
+        rates, nodes = followed(torques)
     node = np.clip((time / step).astype(int), 0, count - 1)
     rest = (time - node * step)[None, :, None]
-    begin = rates[:, node]
-    half, full = stepped(begin, 0.5 * rest), stepped(begin, rest)
+    begin, torque = rates[:, node], torques[:, node]
+    half, full = stepped(begin, 0.5 * rest, torque), stepped(begin, rest, torque)
     return np.asarray(nodes[:, node] @ exp(_turn(begin, half, full, rest)))
+
+
+def gravity_torque(gradient: Array, rotation: Array, inertia: Array) -> Array:
+    """Return the torque (..., 3) of gravity of a gradient (..., 3, 3) on bodies, in their axes."""
+    seen = np.swapaxes(rotation, -1, -2) @ gradient @ rotation
+    product = seen @ inertia
+    return np.stack(
+        [product[..., row, column] - product[..., column, row] for row, column in ((1, 2), (2, 0), (0, 1))], axis=-1
+    )
+
+
+def fallen(time: Array, gradient: Gradient | None) -> tuple[Array, Array]:
+    """Return A and B (N, 3, 3) of free centres of mass, at A x + B v where x and v are those at time 0.
+
+    Parameters
+    ----------
+    time : (N,) s, of one sign
+    gradient : of gravity; None where it does not act
+    """
+    if gradient is None or not len(time):
+        return np.broadcast_to(np.eye(3), (len(time), 3, 3)), time[:, None, None] * np.eye(3)
+    end = float(time[np.argmax(np.abs(time))])
+    count = max(int(np.ceil(abs(end) / _STEP_OF_FALL)), 1)
+    step = end / count if end else 1e-9
+    pulls = gradient(0.5 * step * np.arange(2 * count + 1))
+    places, rates = [np.eye(3, 6)], [np.eye(3, 6, 3)]
+    for first in range(0, 2 * count, 2):
+        place, rate, (begin, middle, close) = places[-1], rates[-1], pulls[first : first + 3]
+        one = begin @ place
+        two = middle @ (place + 0.5 * step * rate)
+        three = middle @ (place + 0.5 * step * rate + 0.25 * step**2 * one)
+        four = close @ (place + step * rate + 0.5 * step**2 * two)
+        places.append(place + step * rate + step**2 / 6.0 * (one + two + three))
+        rates.append(rate + step / 6.0 * (one + 2.0 * two + 2.0 * three + four))
+    every, moving = np.array(places), step * np.array(rates)
+    node = np.clip((time / step).astype(int), 0, count - 1)
+    part = (time / step - node)[:, None, None]
+    bend = every[node + 1] - every[node]  # Hermite's interpolation
+    cubic = moving[node] + part * (
+        3.0 * bend - 2.0 * moving[node] - moving[node + 1] + part * (moving[node] + moving[node + 1] - 2.0 * bend)
+    )
+    both = every[node] + part * cubic
+    return both[:, :, :3], both[:, :, 3:]
 
 
 def _turn(begin: Array, middle: Array, end: Array, length: Array | float) -> Array:
@@ -212,20 +272,26 @@ def _linearised(flight: FreeFlight, track: Track) -> tuple[Array, Array]:
     spin, shape = np.tile(flight.spin, (9, 1)), np.tile(flight.shape, (9, 1))
     spin[1:4] += np.diag(steps[:3])
     shape[4:9] += np.diag(steps[3:])
-    turned = flight.rotation @ tumbled(track.time, spin, shape)
+    turned = flight.rotation @ tumbled(track.time, spin, shape, _seen_from(flight.rotation, track.gradient))
     rotation = turned[0]
     by_both = log(turned[1:] @ np.swapaxes(rotation, 1, 2)) / steps[:, None, None]  # (8, N, 3), odometry axes
     arm = rotate(rotation, flight.lever)
-    position = flight.centre + track.time[:, None] * flight.velocity + arm
+    by_centre, by_velocity = fallen(track.time, track.gradient)
+    position = by_centre @ flight.centre + by_velocity @ flight.velocity + arm
     residual = np.stack((track.position - position, log(track.rotation @ np.swapaxes(rotation, 1, 2))))
     columns = np.zeros((2, len(track.time), 3, _SIZE))
-    columns[0, :, :, TURN], columns[0, :, :, CENTRE] = -skew(arm), np.eye(3)
-    columns[0, :, :, VELOCITY], columns[0, :, :, LEVER] = track.time[:, None, None] * np.eye(3), rotation
+    columns[0, :, :, TURN], columns[0, :, :, CENTRE] = -skew(arm), by_centre
+    columns[0, :, :, VELOCITY], columns[0, :, :, LEVER] = by_velocity, rotation
     moved = np.concatenate((np.arange(SPIN.start, SPIN.stop), np.arange(SHAPE.start, SHAPE.stop)))
     columns[0][:, :, moved] = np.moveaxis(cross(by_both, arm), 0, -1)
     columns[1, :, :, TURN] = np.eye(3)
     columns[1][:, :, moved] = np.moveaxis(by_both, 0, -1)
     return residual, columns
+
+
+def _seen_from(rotation: Array, gradient: Gradient | None) -> Gradient | None:
+    """Return the gradient of gravity in axes that a rotation (3, 3) turns to those it has."""
+    return None if gradient is None else lambda time: rotation.T @ gradient(time) @ rotation
 
 
 def _whitened(values: Array, track: Track, noise: PoseNoise) -> Array:

@@ -93,9 +93,11 @@ _ALONE = 10.0
 FIRST_STAGE = 'first stage: its numbers are withheld until the trajectory filter starts, which knows late stamps, too'
 FIRST_ESTIMATE = 'first estimate: a wrong URDF cannot be detected from so short a motion'
 LATE = 'first stage: stamps that are late by some 10 ms, or velocities that lag, are not known yet'
-TARGET_CONTRADICTS = (
-    'the motion of the tracked target is left out, because it contradicts that since the capture: another frame or '
-    'scale of its poses, late stamps, or contact with something else'
+TARGET_CONTRADICTS = 'the motion of the tracked target is left out, because it contradicts that since the capture: '
+ANY_CAUSE = 'another frame or scale of its poses, late stamps, or contact with something else'
+ON_POSES = (
+    'by the poses of the tracked target: a wrong scale of them, late stamps, or contact with something else show only '
+    'when the arm moves'
 )
 DISAGREE = Reason(
     'the difference form and the trajectory filter contradict each other: the robot description, the noise values or '
@@ -242,7 +244,7 @@ class TrajectoryEstimator:
             has_prior = self._variables.has_body_prior or self._variables.previous_bias is not None
             joints_moved = knots.joints_moved or has_prior
             self._moved += knots.joints_moved
-            joints_moved |= self._variables.tracked is not None
+            joints_moved |= self._variables.tracked is not None and self._variables.tracked.held
             # Known thrust moves a body without joints: its impulse over the change of the velocity is the mass.
             joints_moved |= not self._kernel.model.joints and bool(np.any(window.impulse))
             run.add(ready, still_open, joints_moved=joints_moved)
@@ -271,15 +273,15 @@ class TrajectoryEstimator:
                 self._variables = self._variables.for_continued_run(before.root, before.bias)
             tracked = None if self._left_out else self._settings.tracked
             if tracked is not None:
-                rows = CaptureRows(tracked, self._layout, self._averaging.origin)
-                self._variables = replace(self._variables, tracked=rows)
+                known = CaptureRows(tracked, self._layout, self._averaging.origin)
+                self._variables = replace(self._variables, tracked=known)
             self.run = self._new_run([])
             if self._variables.previous_bias is not None:  # of the run that this one continues
                 self.run.offer(partial(self._layout.point, self._variables.to_state @ self._variables.prior()[0]))
-        elif self._variables.tracked is not None and (
-            self.run.contradicts_target or (self._moved >= FIRST and not self.run.converged)
+        elif (rows := self._variables.tracked) is not None and (
+            self.run.contradicts_target or (self._moved >= (1 if rows.held else 2) * FIRST and not self.run.converged)
         ):
-            self._left_out = TARGET_CONTRADICTS
+            self._left_out = ANY_CAUSE
             self._variables = replace(self._variables, tracked=None)
             self.run = self._new_run(self._isolation.windows_since(-np.inf))
         elif (change := self._isolation.change) is not None:
@@ -338,7 +340,9 @@ class TrajectoryEstimator:
         if self._wrong_twist:
             found.append(f'the twist is not used, because it contradicts the poses: {self._wrong_twist}')
         if self._left_out:
-            found.append(self._left_out)
+            found.append(TARGET_CONTRADICTS + self._left_out)
+        if self._variables.tracked is not None and self._moved < FIRST:
+            found.append(ON_POSES)
         if before is not None and self.run is not None and before.planar and not self.run.planar:
             found.append('the run before, which was planar, does not count: this motion is not')
         return tuple(found)
@@ -356,6 +360,10 @@ class TrajectoryEstimator:
         """Judge the solution of the best hypothesis, and report it with the history of its run."""
         layout, distribution = self._layout, run.distribution()
         now = replace(now, target_misfit=run.misfit_of_target(distribution))
+        tracked = self._settings.tracked
+        if tracked is not None and self._left_out == ANY_CAUSE:
+            rows = CaptureRows(tracked, layout, self._averaging.origin)
+            self._left_out = rows.cause(distribution.mean, distribution.factor) or ANY_CAUSE
         prior_scales = run.prior_scales(distribution)
         verdict = judge(self._evidence(run, prior_scales))
         contradicting = tuple(contradicting_unknowns(distribution, layout))

@@ -202,6 +202,16 @@ class FallingFrame:
             pose_covariance=covariance,
         )
 
+    def turned(self, stamp: Array) -> Array:
+        """Return the rotations (N, 3, 3) from the odometry's axes to those of the falling frame, at stamps (N,) ns."""
+        if not self._orbit.is_rotating:
+            return np.broadcast_to(np.eye(3), (len(stamp), 3, 3))
+        return self._orbit.to_inertial((stamp - (self.epoch or 0)) * 1e-9)
+
+    def gradient(self, stamp: Array) -> Array:
+        """Return the gradients of gravity (N, 3, 3), 1/s^2, in the falling frame at stamps (N,) ns."""
+        return self._orbit.gradient((stamp - (self.epoch or 0)) * 1e-9)
+
     def with_momentum(self, window: Samples, origin: int) -> Samples:
         """Return the next window with momentum by gravity until each sample; `origin` is the stamp at time 0, ns."""
         if self.epoch is None:

@@ -137,6 +137,10 @@ class WeighedMass(Protocol):
 class TrackedTarget(Protocol):
     """Knowledge of body and momentum from the target's motion before its capture."""
 
+    @property
+    def held(self) -> bool:
+        """Whether it is known how the link holds the body: a search may begin at its motion then."""
+
     def at(self, point: Point, variables: Variables) -> Array:
         """Return the (k, v + 1) rows of unit variance, values last, linearised at a point."""
 

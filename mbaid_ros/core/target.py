@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -14,10 +14,32 @@ from mbaid_ros.core.contracts import RIGHT, Convention, NominalModel, Unknown
 from mbaid_ros.core.filter.gaussian import SquareRootInformation
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.filter.time_update import pose_reset, with_process_noise
-from mbaid_ros.core.free_flight import FEWEST, RATIOS, FreeFlight, PoseNoise, Track, free_flight
-from mbaid_ros.core.geometry import Array, cross, exp, log, rotation_from_quaternion, skew, unvec, vec
+from mbaid_ros.core.free_flight import (
+    CENTRE,
+    FEWEST,
+    LEVER,
+    RATIOS,
+    TURN,
+    FreeFlight,
+    PoseNoise,
+    Track,
+    free_flight,
+)
+from mbaid_ros.core.geometry import (
+    Array,
+    chi_square_limit,
+    cross,
+    exp,
+    log,
+    rotate,
+    rotation_from_quaternion,
+    skew,
+    unvec,
+    vec,
+)
 from mbaid_ros.core.links import BodyDeviations
 from mbaid_ros.core.odometry.stream import QUATERNION_TOLERANCE, PoseReader, odometry_shape, source_of
+from mbaid_ros.core.orbit import FallingFrame
 from mbaid_ros.core.repair import Repair
 from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.robot.body import physical, physical_jacobian, standard
@@ -44,6 +66,9 @@ _DOUBTFUL, _NOT_FREE, _NOT_FREE_BY_DIFFERENCES = 1.5, 2.5, 5.0
 _FOR_SURE = 0.6  # of that, which inverted poses must leave to be named
 _LATE = 1.0  # s without a pose before the capture, from which that is reported
 _READER = PoseReader('', '')
+_BY_CHANCE = 1e-4  # that a cause leaves as much of a contradiction
+_STEPS_OF_CHANGE = 5  # of the search for its size
+_AS_LIKELY = 10.0  # chi-square by which another cause may leave more, and be named, too
 _TINY = 1e-30  # of complex steps, whose derivatives are exact
 # Numbers of the motion: velocity of a point of the body, spin, centre of mass, ratios of inertia, velocity of that.
 _POINT, _SPIN, _CENTRE, _RATIOS, _VELOCITY = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 14), slice(14, 17)
@@ -297,6 +322,32 @@ class TrackedTargetConfig:
     """Standard deviation of its orientation about each axis; 0: estimated from the poses."""
     correlation_time: float = parameter(0.0, 's', minimum=0.0)
     """Time in which the correlation of the errors of these poses falls to 1/e; 0: estimated from the poses."""
+    frame: tuple[float, ...] = parameter((), lengths=(0, 7))
+    """Tracked frame in the target link's frame once grasped: x, y, z in m, and a quaternion x, y, z, w. Empty: by the
+    poses and the robot at the capture; with capture.settling, by poses that go on after it."""
+
+    @property
+    def placed(self) -> GraspedFrame | None:
+        """The tracked frame in that of the target link, where it is given.
+
+        Raises ParameterError: Its quaternion is none.
+        """
+        if not self.frame:
+            return None
+        turn = np.array(self.frame[3:])
+        length = float(np.linalg.norm(turn))
+        if not abs(length - 1.0) < QUATERNION_TOLERANCE:
+            raise ParameterError(f"parameter 'target.frame' ends with a quaternion of length {length:g}; accepted: 1")
+        return GraspedFrame(rotation_from_quaternion(turn), np.array(self.frame[:3]))
+
+
+@dataclass(frozen=True, eq=False)
+class GraspedFrame:
+    """The tracked frame in that of the target link."""
+
+    rotation: Array  # (3, 3) to the link's axes
+    position: Array  # (3,) m
+    factor: Array | None = None  # (6, 6) of the covariance of turn and place, link axes, by the robot; None: as given
 
 
 @dataclass(frozen=True)
@@ -316,14 +367,17 @@ class TargetTrack:
     ----------
     dropped : messages that were not taken, by cause
     odometry_frame : name of the frame that locates the base
+    frame : tracked frame in that of the target link, as given
 
     Parameters
     ----------
     prefix : of link names in frame names
+    falling : frame that falls in an orbit, where one is declared
     """
 
-    def __init__(self, config: TrackedTargetConfig, prefix: str) -> None:
-        self._config, self._prefix = config, prefix
+    def __init__(self, config: TrackedTargetConfig, prefix: str, falling: FallingFrame | None = None) -> None:
+        self._config, self._prefix, self._falling = config, prefix, falling
+        self.frame = config.placed
         self._readings: list[_Reading] = []
         self.dropped: Counter[str] = Counter()
         self.odometry_frame = ''
@@ -331,6 +385,10 @@ class TargetTrack:
     def __bool__(self) -> bool:
         """Whether there is a pose."""
         return bool(self._readings)
+
+    def goes_on(self, stamp: int) -> bool:
+        """Return whether a pose is later than a stamp, ns."""
+        return bool(self._readings) and self._readings[-1].stamp > stamp
 
     def add(self, message: Any) -> None:
         """Add a PoseStamped, PoseWithCovarianceStamped or Odometry."""
@@ -357,7 +415,7 @@ class TargetTrack:
         origin : ns, stamp at time 0
         end, capture : s, until when the target was free, and when it was captured
         """
-        track, notes = self._located(kernel, windows, origin, end)
+        track, notes = self._located(kernel, windows, origin, (end - _LONGEST, end))
         count = len(track.time)
         if count < FEWEST:
             few = f'{count} usable poses of the target before the capture, of {FEWEST} at least: {_UNUSED}'
@@ -368,6 +426,8 @@ class TargetTrack:
         if gap > _LATE + capture - end:
             notes = (*notes, f'the poses of the target end {gap:.3g} s before the capture: its motion is predicted')
         track = replace(track, time=track.time - capture)
+        if self._falling is not None:
+            track = replace(track, gradient=partial(_gradient, self._falling, origin + round(capture * 1e9)))
         config = self._config
         declared = PoseNoise(config.position_std, config.orientation_std, (config.correlation_time,) * 2)
         try:
@@ -381,21 +441,42 @@ class TargetTrack:
             notes = (*notes, f'{flight.dropped} of {count} poses of the target jump and are not used')
         return flight, notes
 
+    def grasped(
+        self, kernel: MomentumKernel, windows: Sequence[Samples], origin: int, since: float
+    ) -> GraspedFrame | None:
+        """Return the tracked frame in that of the target link, by poses in windows since a time, s; None of few."""
+        track, _ = self._located(kernel, windows, origin, (since, float(windows[-1].time[-1])))
+        seen = [_frame_at(kernel, windows, float(time), kernel.target) for time in track.time]
+        pairs = [
+            (link[0].T @ rotation, link[0].T @ (position - link[1]))
+            for link, rotation, position in zip(seen, track.rotation, track.position, strict=True)
+            if link is not None
+        ]
+        if len(pairs) < FEWEST:
+            return None
+        turns, places = (np.array(each) for each in zip(*pairs, strict=True))
+        away = log(np.swapaxes(turns[:1], 1, 2) @ turns)
+        rotation = turns[0] @ exp(np.mean(away, axis=0))
+        scatter = np.concatenate((log(turns @ rotation.T), places - np.mean(places, axis=0)), axis=1)
+        std = np.sqrt(np.mean(scatter**2, axis=0) / (len(pairs) - 1))
+        return GraspedFrame(rotation, np.mean(places, axis=0), np.diag(std))
+
     def _located(
-        self, kernel: MomentumKernel, windows: Sequence[Samples], origin: int, end: float
+        self, kernel: MomentumKernel, windows: Sequence[Samples], origin: int, part: tuple[float, float]
     ) -> tuple[Track, tuple[str, ...]]:
-        """Return the poses until `end`, times since the first sample, in the odometry frame."""
+        """Return the poses between two times, s since the first sample, in the odometry frame or one that falls."""
         own = self.odometry_frame.lstrip('/')
         links = {self._prefix + link.name: link for link in kernel.model.links}
         found: dict[int, tuple[Array, Array]] = {}
         unknown: Counter[str] = Counter()
-        first = end - _LONGEST
+        first, end = part
         for reading in self._readings:
             time = (reading.stamp - origin) * 1e-9
             if not first < time <= end:
                 continue
             if reading.frame == own:
-                found[reading.stamp] = reading.position, reading.rotation
+                turn = np.eye(3) if self._falling is None else self._falling.turned(np.array([reading.stamp]))[0]
+                found[reading.stamp] = turn @ reading.position, turn @ reading.rotation
             elif reading.frame in links:
                 seen = _frame_at(kernel, windows, time, links[reading.frame])
                 if seen is not None:
@@ -412,6 +493,11 @@ class TargetTrack:
         times = np.array([(stamp - origin) * 1e-9 for stamp in stamps])
         position, rotation = (np.array([found[stamp][part] for stamp in stamps]) for part in (0, 1))
         return Track(times, position.reshape(-1, 3), rotation.reshape(-1, 3, 3)), notes
+
+
+def _gradient(falling: FallingFrame, capture: int, time: Array) -> Array:
+    """Return the gradients of gravity at times, s after the capture, whose stamp is given, ns."""
+    return falling.gradient(capture + np.round(time * 1e9))
 
 
 def _frame_at(kernel: MomentumKernel, windows: Sequence[Samples], time: float, link: Any) -> tuple[Array, Array] | None:
@@ -466,16 +552,54 @@ class TargetAtCapture:
     # how that momentum depends on an unknown's independent numbers, (6, e)
     momentum_columns: Callable[[Unknown], Array]
     rigid: bool = True  # whether the grasp held from the capture on
+    frame: GraspedFrame | None = None  # the tracked frame in that of the link, once grasped
+
+    @property
+    def held(self) -> bool:
+        """Whether it is known how the link holds the body that was tracked."""
+        return self.rigid or self.frame is not None
 
     @cached_property
     def link(self) -> tuple[Array, Array]:
-        """Rotation (3, 3) and position (3,) m of the target link's frame at the capture, odometry frame."""
-        return _link_pose(self.kernel, self.sample)
+        """Rotation (3, 3) and position (3,) m of the target link's frame at the capture, odometry frame.
+
+        With a known tracked frame it is where the body, once grasped, has the link.
+        """
+        if self.frame is None:
+            return _link_pose(self.kernel, self.sample)
+        rotation = self.flight.rotation @ self.frame.rotation.T
+        return rotation, _origin_of(self.flight) - rotation @ self.frame.position
+
+    @property
+    def apart(self) -> Array:
+        """How far that is from where the robot has it, rad and m; nan without such a frame."""
+        if self.frame is None:
+            return np.full(2, np.nan)
+        (turned, placed), (rotation, position) = self.link, _link_pose(self.kernel, self.sample)
+        return np.array((np.linalg.norm(log(turned @ rotation.T)), np.linalg.norm(placed - position)))
+
+    @cached_property
+    def link_by_flight(self) -> Array:
+        """Factor (6, 20) of turn and place of the link by the same errors as in `measured`."""
+        by_flight = np.zeros((6, len(self._flight_factor)))
+        if self.frame is None:
+            return by_flight
+        arm = self.flight.rotation @ self.flight.lever
+        from_link = self.link[0] @ self.frame.position
+        by_flight[:3, TURN] = by_flight[3:, CENTRE] = np.eye(3)
+        by_flight[3:, TURN], by_flight[3:, LEVER] = skew(from_link - arm), self.flight.rotation
+        return by_flight @ self._flight_factor
+
+    @cached_property
+    def _flight_factor(self) -> Array:
+        return np.linalg.cholesky(self.flight.covariance)
 
     def link_columns(self, unknown: Unknown) -> Array:
         """Return how turn (rad) and place (m) of the link depend on an unknown's independent numbers, (6, e)."""
-        rotation, position = self.link
+        rotation, position = _link_pose(self.kernel, self.sample)
         columns = np.zeros((6, unknown.count))
+        if self.frame is not None and self.frame.factor is None:
+            return columns
         for place in range(unknown.count):
             value = 1e-3 * unknown.factor[:, place]
             moved = unknown.applied_to(NominalModel.nominal(self.kernel), value)
@@ -485,7 +609,18 @@ class TargetAtCapture:
 
     @cached_property
     def link_factor(self) -> Array:
-        """Factor (6, 6) of the covariance of turn and place of the link, by the noise of the base's pose."""
+        """Factor (6, 6) of the covariance of turn and place of the link, by the noise of the base's pose.
+
+        Of a tracked frame that poses after the capture have: by theirs.
+        """
+        if self.frame is not None:
+            if self.frame.factor is None:
+                return np.zeros((6, 6))
+            rotation, _ = self.link
+            by_frame = np.zeros((6, 6))
+            by_frame[:3, :3] = by_frame[3:, 3:] = -rotation
+            by_frame[3:, :3] = -skew(rotation @ self.frame.position) @ rotation
+            return by_frame @ self.frame.factor
         covariance = self.sample.pose_covariance[0]
         by_pose = np.zeros((6, 6))
         by_pose[:3, 3:] = by_pose[3:, :3] = np.eye(3)
@@ -501,7 +636,7 @@ class TargetAtCapture:
             np.array([_motion_of(flight.moved(sign * each), place) for each in step]) for sign in (1.0, -1.0)
         )
         derivative = (forward - back).T / 2e-6
-        return _motion_of(flight, place), np.asarray(derivative @ np.linalg.cholesky(flight.covariance))
+        return _motion_of(flight, place), np.asarray(derivative @ self._flight_factor)
 
     def selection(self, plane: Array | None) -> tuple[Array, Array]:
         """Return the (k, 17) numbers that the motion determines, whitened, and those alone: W (motion - measured).
@@ -514,7 +649,7 @@ class TargetAtCapture:
         """
         _, factor = self.measured
         covariance = factor @ factor.T
-        if not self.rigid:
+        if not self.held:
             free = np.zeros((3, _NUMBERS))
             free[:, _VELOCITY] = np.eye(3)
             return _white(free if plane is None else plane[:2, :3] @ free, covariance), np.array([True, False, False])
@@ -538,6 +673,32 @@ class TargetAtCapture:
             place += len(each)
         return _white(rows, covariance), np.array([True, bool(sharp.any()), shaped])
 
+    def mended(self, change: Array) -> TargetAtCapture:
+        """Return the target by other poses: all turned (3 numbers, rad), larger (relative), later (s): (5,).
+
+        Turned and larger about the odometry frame's origin.
+        """
+        flight, turned, larger, time = self.flight, exp(change[:3]), 1.0 + change[3], float(change[4])
+        spin, inertia = flight.spin, flight.inertia
+        moved = replace(
+            flight,
+            rotation=turned @ flight.rotation @ exp(time * spin),
+            centre=turned @ (larger * (flight.centre + time * flight.velocity)),
+            velocity=turned @ (larger * flight.velocity),
+            spin=spin + time * np.linalg.solve(inertia, cross(inertia @ spin, spin)),
+            lever=larger * flight.lever,
+        )
+        return replace(self, flight=moved)
+
+    def by_change(self, change: Array) -> Array:
+        """Return how the numbers of the motion depend on such a change, (17, 5)."""
+        place, steps = self.link[1], 1e-5 * np.eye(len(change))
+        ahead, back = (
+            np.array([_motion_of(self.mended(change + sign * each).flight, place) for each in steps])
+            for sign in (1.0, -1.0)
+        )
+        return (ahead - back).T / 2e-5
+
     def motion(self) -> Array:
         """Return velocity of the centre of mass and spin before the capture, with standard deviations, (4, 3)."""
         values, factor = self.measured
@@ -547,7 +708,7 @@ class TargetAtCapture:
     def guess(self, mass: float) -> tuple[Array, Array]:
         """Return a body (10,) with the target link and a momentum (6,) of the whole that have the motion, of a mass."""
         values, _ = self.measured
-        _, (_, centred, shaped) = self.selection(None) if self.rigid else (None, (True, False, False))
+        _, (_, centred, shaped) = self.selection(None) if self.held else (None, (True, False, False))
         rotation, position = self.link
         centre = values[_CENTRE] if centred else position
         ratios = np.eye(3) + (np.tensordot(values[_RATIOS], RATIOS, axes=1) if shaped else 0.0)
@@ -558,6 +719,36 @@ class TargetAtCapture:
         own = np.concatenate(([mass], rotation.T @ (centre - position), vec(rotation.T @ inertia @ rotation)))
         body = standard(own) + self.kernel.target.parameters
         return body, self.momentum + np.concatenate((linear, angular))
+
+
+def _wrong_scale(sizes: Array) -> str:
+    times = 1.0 / (1.0 + sizes[0])  # they are divided by that
+    return (
+        f'lengths in the poses of the target are {times:.3g} times the true ones: check the size of its marker or model'
+    )
+
+
+def _late_stamps(sizes: Array) -> str:
+    word = 'late' if sizes[0] > 0.0 else 'early'
+    return f'the stamps of the poses of the target are {abs(sizes[0]):.2g} s {word}: stamp them when the image is taken'
+
+
+def _turned_frame(sizes: Array) -> str:
+    degrees = np.rad2deg(np.linalg.norm(sizes))
+    return f"the frame of the target's poses is turned by {degrees:.2g} deg: check how the camera is mounted"
+
+
+# Errors of all poses: the numbers of the change (turn, scale, time) that mends them, and the words for their sizes.
+_ERRORS_OF_POSES: tuple[tuple[list[int], Callable[[Array], str]], ...] = (
+    ([3], _wrong_scale),
+    ([4], _late_stamps),
+    ([0, 1, 2], _turned_frame),
+)
+
+
+def _origin_of(flight: FreeFlight) -> Array:
+    """Return the tracked frame's origin at the capture, (3,) m."""
+    return np.asarray(flight.centre + flight.rotation @ flight.lever)
 
 
 def _motion_of(flight: FreeFlight, place: Array) -> Array:
@@ -600,6 +791,11 @@ class CaptureRows:
     layout: Layout
     origin: Array  # (3,) m, that the state's angular momentum is about, odometry frame
 
+    @property
+    def held(self) -> bool:
+        """Whether it is known how the link holds the body."""
+        return self.target.held
+
     @cached_property
     def _selected(self) -> Array:
         return self.target.selection(self.layout.plane)[0]
@@ -629,26 +825,68 @@ class CaptureRows:
 
         Raises LinAlgError: The body there cannot be captured.
         """
-        target, state = self.target, point.state
-        misfit, by_numbers = self._misfit(self._at_zero + self._by_state @ state)
-        value, by_numbers = self._selected @ misfit, self._selected @ by_numbers
-        noise = np.column_stack((by_numbers[:, _LINK] @ target.link_factor, by_numbers[:, _ROBOT] @ target.factor))
-        root = np.linalg.cholesky(np.eye(len(noise)) + noise @ noise.T)
-        value, by_numbers = (np.linalg.solve(root, each) for each in (value, by_numbers))
+        state = point.state
+        value, by_numbers, _ = self._motion_rows(state)
         if self.layout.plane is None:  # a plane determines its one moment of inertia
             of_size, by_size = self._size(self._at_zero + self._by_state @ state)
             value, by_numbers = np.concatenate((value, of_size)), np.concatenate((by_numbers, by_size))
         rows = variables.rows(by_numbers @ self._by_state)
         return np.column_stack((rows, rows @ (variables.from_state @ state) - value))
 
+    def cause(self, mean: Array, factor: Array) -> str:
+        """Return which error of the poses explains their contradiction with a state; empty if none does.
+
+        Parameters
+        ----------
+        mean, factor : (s,), (s, w) of the state and its covariance, without these rows
+        """
+        found = []
+        for places, text in _ERRORS_OF_POSES:
+            change: Array = np.zeros(5)
+            for _ in range(_STEPS_OF_CHANGE):
+                there = replace(self, target=self.target.mended(change))
+                value, whitening = there.mismatch(mean, factor)
+                by_change = whitening @ self.target.by_change(change)[:, places]
+                change[places] += np.linalg.lstsq(by_change, value)[0]
+            left = float(value @ value)
+            if left < chi_square_limit(_BY_CHANCE, len(value) - len(places)):
+                found.append((left + 2.0 * len(places), text(change[places])))
+        likely = min(found, default=(0.0, ''))[0] + _AS_LIKELY
+        return ', or '.join(text for size, text in sorted(found) if size < likely)
+
+    def mismatch(self, mean: Array, factor: Array) -> tuple[Array, Array]:
+        """Return by how many standard deviations the motion misses a state, (k,), and what made them so, (k, 17).
+
+        Parameters
+        ----------
+        mean, factor : as of `cause`
+        """
+        value, by_numbers, root = self._motion_rows(mean)
+        seen = by_numbers @ self._by_state @ factor
+        white = np.linalg.cholesky(np.eye(len(value)) + seen @ seen.T)
+        return np.linalg.solve(white, value), np.linalg.solve(root @ white, self._selected)
+
+    def _motion_rows(self, state: Array) -> tuple[Array, Array, Array]:
+        """Return the misfits (k,) in units of their noise, their derivatives (k, 28), and what W was divided by.
+
+        Raises LinAlgError: The body there cannot be captured.
+        """
+        target = self.target
+        misfit, by_numbers = self._misfit(self._at_zero + self._by_state @ state)
+        value, by_numbers = self._selected @ misfit, self._selected @ by_numbers
+        noise = np.column_stack((by_numbers[:, _LINK] @ target.link_factor, by_numbers[:, _ROBOT] @ target.factor))
+        # Errors of the flight move the link with the motion: W measured has unit variance, so far.
+        own, moved = self._selected @ target.measured[1], by_numbers[:, _LINK] @ target.link_by_flight
+        shared = moved @ moved.T - own @ moved.T - moved @ own.T
+        root = np.linalg.cholesky(np.eye(len(noise)) + noise @ noise.T + shared)
+        return np.linalg.solve(root, value), np.linalg.solve(root, by_numbers), root
+
     def _misfit(self, numbers: Array) -> tuple[Array, Array]:
         """Return by how much the measured motion is short of the predicted one, (17,), and its derivatives (17, 28)."""
         body = numbers[_BODY]
         if not body[0] > 0.0:
             raise np.linalg.LinAlgError('a captured body without mass')
-        fixed = self._held(body)
-        steps = numbers + 1j * _TINY * np.eye(len(numbers))
-        moved = np.array([self._linear_misfit(each, fixed) for each in steps])
+        moved = self._linear_misfit(numbers + 1j * _TINY * np.eye(len(numbers)), self._held(body))
         return moved[0].real, moved.imag.T / _TINY
 
     def _size(self, numbers: Array) -> tuple[Array, Array]:
@@ -675,28 +913,32 @@ class CaptureRows:
         return _Weights(float(body[0]), trace if trace > 0.0 else 1.0, back)
 
     def _linear_misfit(self, numbers: Array, fixed: _Weights) -> Array:
-        """Return the misfit of the motion, linear in momentum and body but for the inertia about its centre of mass."""
+        """Return the misfits (S, 17) of the motion with numbers (S, 28), complex or not.
+
+        It is linear in momentum and body but for the inertia about its centre of mass.
+        """
         rotation, position = self.target.link
         measured, _ = self.target.measured
-        turned = rotation + skew_of(numbers[_LINK][:3]) @ rotation
-        mass, moved = numbers[_BODY][0], skew_of(numbers[_LINK][3:])
-        first = turned @ numbers[_BODY][1:4]
+        body, link = numbers[:, _BODY], numbers[:, _LINK]
+        turned = rotation + skew_of(link[:, :3]) @ rotation
+        mass, moved = body[:, :1], skew_of(link[:, 3:])
+        first = rotate(turned, body[:, 1:4])
         # About the link's place as it is taken to be.
-        about_link = turned @ _symmetric(numbers[_BODY][4:]) @ turned.T
+        about_link = turned @ _symmetric(body[:, 4:]) @ np.swapaxes(turned, 1, 2)
         about_link = about_link - skew_of(first) @ moved - moved @ skew_of(first)
-        first = first + mass * numbers[_LINK][3:]
-        velocity, spin = measured[_POINT], measured[_SPIN]
-        came = numbers[_WHOLE] - numbers[_ROBOT]
-        linear = came[:3] - mass * velocity - np.cross(spin, first)
-        angular = came[3:] - np.cross(position, came[:3]) - np.cross(first, velocity) - about_link @ spin
-        short = fixed.back @ np.concatenate((linear, angular))
-        centre = (first - mass * (measured[_CENTRE] - position)) / fixed.mass
+        first = first + mass * link[:, 3:]
         arm = skew_of(first)
-        inertia = about_link + arm @ arm / mass
-        share = np.tensordot(RATIOS, 3.0 * inertia, axes=2) - np.trace(inertia) * measured[_RATIOS]
-        return np.concatenate(
-            (short, centre, share / fixed.trace, (came[:3] - mass * measured[_VELOCITY]) / fixed.mass)
-        )
+        velocity, spin = measured[_POINT], measured[_SPIN]
+        came = numbers[:, _WHOLE] - numbers[:, _ROBOT]
+        linear = came[:, :3] - mass * velocity + arm @ spin
+        angular = came[:, 3:] - came[:, :3] @ skew(position).T - arm @ velocity - about_link @ spin
+        short = np.concatenate((linear, angular), axis=1) @ fixed.back.T
+        centre = (first - mass * (measured[_CENTRE] - position)) / fixed.mass
+        inertia = about_link + arm @ arm / mass[:, :, None]
+        share = np.tensordot(3.0 * inertia, RATIOS, axes=((1, 2), (1, 2)))
+        share = share - np.trace(inertia, axis1=1, axis2=2)[:, None] * measured[_RATIOS]
+        by_speed = (came[:, :3] - mass * measured[_VELOCITY]) / fixed.mass
+        return np.concatenate((short, centre, share / fixed.trace, by_speed), axis=1)
 
     def point(self, mass: float) -> Point:
         """Return where a search begins, with a captured body of some mass."""
@@ -706,12 +948,13 @@ class CaptureRows:
 
 
 def skew_of(vector: Array) -> Array:
-    """Return [a]x of (3,), complex or not."""
-    x, y, z = vector
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    """Return [a]x (S, 3, 3) of (S, 3), complex or not."""
+    matrix = np.zeros((*vector.shape, 3), vector.dtype)
+    for row, column, part in ((2, 1, 0), (0, 2, 1), (1, 0, 2)):
+        matrix[:, row, column], matrix[:, column, row] = vector[:, part], -vector[:, part]
+    return matrix
 
 
 def _symmetric(elements: Array) -> Array:
-    """Return the matrix of its six elements (xx, xy, xz, yy, yz, zz), complex or not."""
-    xx, xy, xz, yy, yz, zz = elements
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    """Return the matrices (S, 3, 3) of their elements (S, 6) (xx, xy, xz, yy, yz, zz), complex or not."""
+    return elements[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]

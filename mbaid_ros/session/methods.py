@@ -63,7 +63,7 @@ def make_estimator(
     if config.method == 'trajectory':
         known = known or nominal_model(config, kernel)
         second = _trajectory(config, known, reporting, before, tracked)
-        if tracked is not None:  # the first stage knows nothing of it
+        if tracked is not None and tracked.held:  # the first stage knows nothing of it
             return TwoStageEstimator(None, second)
         if config.disturbance.constant != 'none' or not config.by_odometry or _has_varying_wrench(config):
             return second  # the first stage takes the momentum for constant, and needs poses
@@ -211,11 +211,6 @@ def _tracked(make: Callable[..., Estimator], target: TargetAtCapture) -> Estimat
     return make(tracked=target)
 
 
-def _uses_track(config: EstimatorConfig) -> bool:
-    """Return whether the poses of a target before its capture count: the line that it flies along is no orbit's."""
-    return config.method == 'trajectory' and config.orbit.mean_motion == 0.0
-
-
 def make_capture(
     config: EstimatorConfig, kernel: MomentumKernel, make: Callable[..., Estimator], track: TargetTrack
 ) -> CaptureEstimator | None:
@@ -237,7 +232,7 @@ def make_capture(
         detect=config.capture.detect,
         settling=config.capture.settling,
         track=track,
-        make_tracked=partial(_tracked, make) if _uses_track(config) else None,
+        make_tracked=partial(_tracked, make) if config.method == 'trajectory' else None,
     )
     capture.time = config.capture.time or None
     return capture

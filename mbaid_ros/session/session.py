@@ -339,7 +339,7 @@ class Segment:
         self.intake = Intake(config, robot, named, conversions, origin)
         make = make or partial(make_estimator, before=before)
         method = partial(make, config, described, robot.known)
-        self.track = TargetTrack(config.target, config.frame_prefix)
+        self.track = TargetTrack(config.target, config.frame_prefix, falling)
         self._capture = make_capture(config, described, method, self.track)
         robot.begin(self._capture)
         self.thrust = Thrust(model, uncertain_thrusters(config.thrust, model))

@@ -15,6 +15,7 @@ from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.environment import BodyWrench, Environment, Wheels
 from mbaid_ros.simulation.motion import Driven, Motion
 from mbaid_ros.simulation.simulation import PiecewiseSimulation, Simulation, Truth, total_momentum
+from mbaid_ros.simulation.slip import Slip, SlippingSimulation, link_motion, slip_of
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,7 @@ class Target:
     # velocity, spin: (3,) m/s, rad/s, of its CoM and its own, at that instant, odometry axes
     velocity: Array
     spin: Array
+    settling: float = 0.0  # s, in which it slips in the grasp until it is where `body` has it
 
 
 def with_target(model: RobotModel, target: Target) -> RobotModel:
@@ -92,7 +94,9 @@ class CaptureSimulation(PiecewiseSimulation):
     ----------
     target : as given
     joined_model : the robot after the capture
-    link_pose : rotation (3, 3) and position (3,) m of the link that holds the target, at the capture, odometry frame
+    link_pose : rotation (3, 3) and position (3,) m of the link that holds the target, at the capture, odometry frame;
+        where the body has it, which is elsewhere if that slips
+    slip : of the body in the grasp, None where it is held at once
     target_momentum : (6,) momentum (P, L) of the target before it, odometry frame, L about its origin
     total_momentum : (6,) that of the whole after it
     """
@@ -109,12 +113,30 @@ class CaptureSimulation(PiecewiseSimulation):
         self.target, self.joined_model = target, with_target(model, target)
         # Where the capture happens follows from the motion alone: a run of its own finds it.
         at = Simulation(model, motion, initial, environment=around).advance(np.array([time]))
+        self.slip: Slip | None = None
         self.link_pose = _link_pose(model, at, target.link)
+        if target.settling > 0.0:
+            moving, body_moves = link_motion(model, at, target.link), (target.velocity, target.spin)
+            self.slip = slip_of(self.link_pose, moving, target.body, body_moves, target.settling)
+            (turn,), (place,) = self.slip.frames(np.zeros(1))
+            rotation, position = self.link_pose
+            self.link_pose = rotation @ turn, position + rotation @ place
         self.target_momentum = _target_momentum(self.link_pose, target)
         self.total_momentum: Array = total_momentum(model, at, around.wheels)[0] + self.target_momentum
-        start = _joined_state(self.joined_model, at, self.total_momentum, around.wheels)
-        after = Simulation(self.joined_model, motion.from_time(time), start, environment=around.from_time(time))
-        super().__init__(Simulation(model, motion, initial, environment=around), [(time, lambda _: after)])
+        changes: list[tuple[float, Callable[[Truth], Simulation]]] = []
+        if self.slip is None:
+            start = _joined_state(self.joined_model, at, self.total_momentum, around.wheels)
+            joined = Simulation(self.joined_model, motion.from_time(time), start, environment=around.from_time(time))
+            changes.append((time, lambda _: joined))
+        else:
+            body, settled = (target.link, target.body), time + target.settling
+            slipping = SlippingSimulation(
+                model, motion.from_time(time), at, self.slip, body, environment=around.from_time(time)
+            )
+            moved, later = motion.from_time(settled), around.from_time(settled)
+            changes.append((time, lambda _: slipping))
+            changes.append((settled, lambda end: Simulation(self.joined_model, moved, _state(end), environment=later)))
+        super().__init__(Simulation(model, motion, initial, environment=around), changes)
 
 
 def _link_pose(model: RobotModel, at: Truth, name: str) -> tuple[Array, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -26,11 +26,10 @@ from mbaid_ros.simulation.dynamics import State
 from mbaid_ros.simulation.motion import Driven, Sinusoids
 from mbaid_ros.simulation.sensors import Sensors
 from mbaid_ros.simulation.simulation import Truth
-from mbaid_ros.simulation.tumbling import FreeMotion, TargetCamera, Tracking
+from mbaid_ros.simulation.tumbling import FreeMotion, GraspedMotion, TargetCamera, TrackedMotion, Tracking
 
 CAPTURE = 60.0  # s, of poses before it
 REST = 3.0  # s after it, in which the arm rests
-AFTER = 64.0  # s
 RATE = 20.0  # Hz, of encoders and odometry
 SPIN = np.deg2rad(3.0)  # rad/s
 POSES = Tracking(np.array([0.1, 0.0, 0.2]), 5.0, 5e-3, 5e-3)
@@ -90,26 +89,34 @@ def caught(
     seed: int,
     approach: float,
     *,
-    after: float = AFTER,
-    moving: bool = True,
+    after: float,
     tracking: Tracking = POSES,
-    spin: float = SPIN,
+    settling: float = 0.0,
+    later: float = 0.0,
 ) -> Caught:
-    """Return a capture at a speed, m/s; directions, posture and motion of the arm are drawn by the seed."""
+    """Return a capture at a speed, m/s; directions, posture and motion of the arm are drawn by the seed.
+
+    Parameters
+    ----------
+    after : s of the run after the capture
+    settling : s, in which the body slips in the grasp
+    later : s after the capture, for which poses go on
+    """
     rng, planar, free = np.random.default_rng([seed, 65]), name == 'table1', robot(name)
     joints = free.joints
     velocity, turn = rng.standard_normal(3), rng.standard_normal(3)
     if planar:
         velocity[2], turn[:2] = 0.0, 0.0
-    velocity, turn = (each * size / np.linalg.norm(each) for each, size in ((velocity, approach), (turn, spin)))
+    velocity, turn = (each * size / np.linalg.norm(each) for each, size in ((velocity, approach), (turn, SPIN)))
     start = np.array(POSTURE[:joints] if not planar else [0.3, 0.5, -0.4, 0.6][:joints]) + 0.3 * rng.standard_normal(
         joints
     )
-    amplitude = rng.uniform(0.15, 0.3, (joints, 2)) * moving
+    amplitude = rng.uniform(0.15, 0.3, (joints, 2))
     motion = Sinusoids(start, amplitude, 1.0 / rng.uniform(12.0, 30.0, (joints, 2)), np.full((joints, 2), np.pi / 2.0))
-    target = Target(_EARLY, _LINKS[name], PLANAR_BODY if planar else BODY, velocity, turn)
+    target = Target(_EARLY, _LINKS[name], PLANAR_BODY if planar else BODY, velocity, turn, settling)
     initial = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), start, np.zeros(6 + joints))
-    simulation = CaptureSimulation(free, Rested(_EARLY + REST, motion), initial, target)
+    arm = Rested(_EARLY + REST, motion)
+    simulation, again = (CaptureSimulation(free, arm, initial, target) for _ in range(2))
     time = np.arange(round((_EARLY + after) * RATE)) / RATE
     moved = simulation.advance(time)
     early = round((CAPTURE - _EARLY) * RATE)
@@ -117,8 +124,9 @@ def caught(
     times = np.arange(early + len(time)) / RATE
     truth = replace(Truth.concatenate([still, moved]), time=times)
     flight = FreeMotion(replace(target, time=CAPTURE), *simulation.link_pose)
-    camera = TargetCamera(flight, CAPTURE, tracking, seed)
-    return Caught(name, seed, truth, TargetPoses(*camera.readings(CAPTURE)), replace(target, time=CAPTURE))
+    tracked = TrackedMotion(flight, GraspedMotion(again, free, CAPTURE - _EARLY))
+    camera = TargetCamera(tracked, CAPTURE, tracking, seed, CAPTURE + later)
+    return Caught(name, seed, truth, TargetPoses(*camera.readings(CAPTURE + later)), replace(target, time=CAPTURE))
 
 
 def estimates(run: Caught, *, tracked: bool, **options: object) -> list[Estimate]:
@@ -128,21 +136,28 @@ def estimates(run: Caught, *, tracked: bool, **options: object) -> list[Estimate
 
 def session_of(run: Caught, *, tracked: bool, **options: object) -> tuple[list[Estimate], Session]:
     """Return these, and the session that made them."""
-    noise = {f'noise.{name}': value for name, value in vars(NOISE).items() if name != 'base_correlation_time'}
-    given = EXACT | noise | {'capture.time': CAPTURE, 'maximum_gap': max(MAXIMUM_GAP, 3.0 / RATE)} | options
-    free = robot(run.robot)
-    session = Session(build(EstimatorConfig, given), free.urdf)
-    sensors = Sensors(NOISE, run.seed)
-    joints = joints_of(sensors.joints(run.truth), free.joint_names)
-    parts: list[Readings] = [joints, poses_of(sensors.base(run.truth), free.base_link)]
-    parts += [run.poses] if tracked else []
-    add: dict[str, Callable[[Any], bool | None]] = {
+    session = Session(build(EstimatorConfig, parameters(options)), robot(run.robot).urdf)
+    add: dict[str, Callable[[Any], object]] = {
         'joint_states': session.add_joint_state,
         'odom': session.add_odometry,
         'target_pose': session.add_target_pose,
     }
-    found: list[Estimate] = []
+    for topic, message in messages(run, tracked=tracked):
+        add[topic](message)
+    return [*session.process(), *session.finish()], session
+
+
+def parameters(options: Mapping[str, object]) -> dict[str, object]:
+    """Return the estimator's parameters, with some more."""
+    noise = {f'noise.{name}': value for name, value in vars(NOISE).items() if name != 'base_correlation_time'}
+    return {**EXACT, **noise, 'capture.time': CAPTURE, 'maximum_gap': max(MAXIMUM_GAP, 3.0 / RATE), **options}
+
+
+def messages(run: Caught, *, tracked: bool) -> Iterator[tuple[str, Any]]:
+    """Yield topic and message of all sensors in order."""
+    sensors, free = Sensors(NOISE, run.seed), robot(run.robot)
+    joints = joints_of(sensors.joints(run.truth), free.joint_names)
+    parts: list[Readings] = [joints, poses_of(sensors.base(run.truth), free.base_link)]
+    parts += [run.poses] if tracked else []
     for _, topic, message in in_order(parts, BAG_TYPES, lambda _, time: START + round(time * 1e9)):
-        if add[topic](message):
-            found += session.process()
-    return [*found, *session.process(), *session.finish()], session
+        yield topic, message

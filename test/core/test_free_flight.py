@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.integrate import DOP853, solve_ivp
+from scipy.linalg import expm
 from scipy.stats import chi2
 
-from checked import central_difference
+from checked import central_difference, generic
 from mbaid_ros.core.free_flight import (
     LEVER,
     FreeFlight,
@@ -14,11 +18,13 @@ from mbaid_ros.core.free_flight import (
     Track,
     _linearised,
     _typical_misfit,
+    fallen,
     free_flight,
     inertia_of,
     tumbled,
 )
 from mbaid_ros.core.geometry import Array, exp, log, unvec
+from mbaid_ros.core.orbit import Orbit
 from mbaid_ros.simulation.changes import Target
 from mbaid_ros.simulation.tumbling import FreeMotion
 
@@ -157,3 +163,75 @@ def test_errors_that_last_widen_the_covariance() -> None:
         return np.sqrt(np.diag(flight.covariance)[6:12])
 
     assert np.all(size(shared) > 1.5 * size(white))
+
+
+MOTION = 1.13e-3  # rad/s, of a low orbit
+RADIUS = 6.78e6  # m
+
+
+def about_the_earth(seconds: float) -> tuple[Track, FreeFlight]:
+    """Return exact poses of a body beside a point on a circular orbit, by gravity in an inertial frame, and its end."""
+    pull, start = MOTION**2 * RADIUS**3, np.array([RADIUS, 0.0, 0.0])
+    inertia, lever = unvec(BODY[4:]), np.array([0.3, -0.2, 0.4])
+
+    def rates(_: float, values: Array) -> Array:
+        place, speed, point, point_speed, spin = np.split(values[:15], 5)
+        turn = values[15:].reshape(3, 3)
+        up = turn.T @ place / np.linalg.norm(place)
+        strength = pull / np.linalg.norm(place) ** 3
+        torque = 3.0 * strength * np.cross(up, inertia @ up) - np.cross(spin, inertia @ spin)
+        falls = [-pull * each / np.linalg.norm(each) ** 3 for each in (place, point)]
+        turning = turn @ np.array([[0.0, -spin[2], spin[1]], [spin[2], 0.0, -spin[0]], [-spin[1], spin[0], 0.0]])
+        return np.concatenate(
+            (speed, falls[0], point_speed, falls[1], np.linalg.solve(inertia, torque), turning.ravel())
+        )
+
+    forward = np.array([0.0, MOTION * RADIUS, 0.0])
+    away, drift, spin = np.array([8.0, -5.0, 6.0]), np.array([0.01, -0.02, 0.015]), np.array([0.01, -0.02, 0.03])
+    begin = np.concatenate((start + away, forward + drift, start, forward, spin, exp(generic(9, 3)).ravel()))
+    time = np.arange(0.0, seconds + 0.01, 0.5)
+    found = solve_ivp(rates, (0.0, seconds), begin, DOP853, time, rtol=1e-13, atol=1e-12).y.T
+    turn = found[:, 15:].reshape(-1, 3, 3)
+    centre, velocity = found[:, :3] - found[:, 6:9], found[:, 3:6] - found[:, 9:12]
+    noise, nothing = PoseNoise(1e-3, 1e-3), np.zeros((20, 21))
+    end = FreeFlight(turn[-1], centre[-1], velocity[-1], found[-1, 12:15], lever, np.zeros(5), nothing, noise, 0.0, 0)
+    return Track(time - seconds, centre + turn @ lever, turn), end
+
+
+def test_in_an_orbit_a_body_falls_and_turns_as_gravity_has_it() -> None:
+    seconds, noise = 120.0, PoseNoise(1e-3, 1e-3)
+    track, end = about_the_earth(seconds)
+    # In axes that do not turn, with x up at the begin.
+    orbit = Orbit.inertial(MOTION, np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]))
+    falling = replace(track, gradient=lambda time: orbit.gradient(time + seconds))
+    right, straight = free_flight(falling, noise), free_flight(track, noise)
+    assert right.velocity == pytest.approx(end.velocity, abs=1e-7)
+    assert right.spin == pytest.approx(end.spin, abs=3e-7)
+    assert right.centre + right.rotation @ right.lever == pytest.approx(track.position[-1], abs=1e-6)
+    # Without the gradient it is off by far more.
+    assert np.abs(straight.velocity - end.velocity).max() > 1e-3
+    assert np.abs(straight.spin - end.spin).max() > 1e-5
+
+
+def test_derivatives_in_an_orbit() -> None:
+    track, _ = about_the_earth(60.0)
+    orbit = Orbit.inertial(0.05, np.array([-1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]))  # a fast one
+    few = replace(track, gradient=lambda time: orbit.gradient(time + 60.0))[::20]
+    flight = free_flight(track, PoseNoise(1e-3, 1e-3))
+
+    def residual(step: Array) -> Array:
+        return _linearised(flight.moved(step), few)[0].ravel()
+
+    columns, expected = _linearised(flight, few)[1].reshape(-1, 20), central_difference(residual, np.zeros(20), 1e-5)
+    assert np.abs(columns[:, 3:9] + expected[:, 3:9]).max() < 1e-6
+    assert np.abs(expected[:, 3:6]).max() > 2.0  # the gradient moves it apart
+
+
+def test_the_fall_is_that_of_an_exponential() -> None:
+    gradient = 0.03**2 * np.diag([2.0, -1.0, -1.0])
+    time = -np.array([0.0, 0.7, 1.9, 2.0, 33.3, 60.0])
+    by_place, by_speed = fallen(time, lambda each: np.broadcast_to(gradient, (len(each), 3, 3)))
+    matrix = np.block([[np.zeros((3, 3)), np.eye(3)], [gradient, np.zeros((3, 3))]])
+    for index, each in enumerate(time):
+        expected = expm(each * matrix)[:3]
+        assert np.hstack((by_place[index], by_speed[index])) == pytest.approx(expected, rel=2e-6, abs=1e-6)

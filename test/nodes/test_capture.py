@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import PoseStamped, WrenchStamped
 from mbaid_msgs.msg import InertiaEstimate
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message
@@ -17,6 +18,9 @@ from std_srvs.srv import Trigger
 
 import recorded
 from benchmarks.precapture import free_model, free_urdf
+from benchmarks.tracked import caught, parameters, session_of
+from benchmarks.tracked import messages as read_messages
+from benchmarks.tracked import robot as robot_of
 from graph import Graph
 from mbaid_ros.bags import serialize
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
@@ -37,6 +41,11 @@ CLASSES = {
     '/joint_states': (JointState, recorded.JOINT_STATE),
     '/odom': (Odometry, recorded.ODOMETRY),
     '/thrust': (WrenchStamped, WRENCH),
+}
+TRACKED = {
+    'joint_states': CLASSES['/joint_states'],
+    'odom': CLASSES['/odom'],
+    'target_pose': (PoseStamped, 'geometry_msgs/msg/PoseStamped'),
 }
 ESTIMATE = 'mbaid_msgs/msg/InertiaEstimate'
 
@@ -105,6 +114,33 @@ def test_a_capture_called_at_a_live_estimator(graph: Graph, tmp_path: Path) -> N
     graph.wait(lambda: bodies and every_bit(bodies[-1], ESTIMATE) == last, 'the captured body')
     assert bodies[-1].inertia.m == pytest.approx(155.0, rel=0.05)
     assert np.isfinite(bodies[-1].angular_momentum.x)
+
+
+@pytest.mark.parametrize('frame', ['odom', 'camera'])
+def test_a_target_is_tracked_at_a_live_estimator(graph: Graph, tmp_path: Path, frame: str) -> None:
+    """As a session has it, to the bit; poses in an unknown frame leave the estimates as they are without."""
+    run = caught('servicer7', 4, 0.05, after=2.9)
+    run = replace(run, poses=replace(run.poses, frame=frame))
+    (tmp_path / 'robot.urdf').write_text(robot_of('servicer7').urdf, encoding='utf-8')
+    words = assigned({'robot_description_file': tmp_path / 'robot.urdf', **parameters({})})
+    graph.start('estimator', '--ros-args', *words)
+    estimates = graph.collect('/estimator/estimate', InertiaEstimate)
+    publishers = {topic: graph.publisher(topic, kind, qos(10_000)) for topic, (kind, _) in TRACKED.items()}
+    for topic, message in read_messages(run, tracked=True):
+        kind, name = TRACKED[topic]
+        publishers[topic].publish(deserialize_message(serialize(message, name), kind))
+    last = session_of(run, tracked=True)[0][-2]  # the last window that ends before the messages do
+    wanted = every_bit(estimate_message(last, TYPES, Frames('link7', 'odom')), ESTIMATE)
+    graph.wait(lambda: any(every_bit(each, ESTIMATE) == wanted for each in estimates), 'the tracked target')
+    unknown = "298 poses of the target are in the frame 'camera', which is neither 'odom' nor that of a link"
+    assert (unknown in last.warnings) == (frame == 'camera')
+    if frame == 'odom':
+        assert last.parameters[0] == pytest.approx(162.0, rel=0.1)
+        return
+    without = session_of(run, tracked=False)[0][-2]
+    assert np.array_equal(last.parameters, without.parameters, equal_nan=True)
+    assert np.array_equal(last.momentum, without.momentum, equal_nan=True)
+    assert np.array_equal(last.momentum_covariance, without.momentum_covariance, equal_nan=True)
 
 
 # -- Commanded thrust at a live estimator and recorder: used, reported, and in the bag.

@@ -10,10 +10,13 @@ from checked import some
 from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.simulator_parameters import SimulatorConfig
 from mbaid_ros.core.geometry import log, rotation_from_quaternion, unvec
+from mbaid_ros.core.robot.model import Kinematics
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.parameters import build
+from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import SimulatedRun
-from mbaid_ros.simulation.changes import Target
+from mbaid_ros.simulation.changes import CaptureSimulation, Target
+from mbaid_ros.simulation.simulation import total_momentum
 from mbaid_ros.simulation.tumbling import FreeMotion
 
 TARGET = Target(
@@ -87,6 +90,54 @@ def test_noise_is_as_asked_for_and_the_other_sensors_keep_theirs() -> None:
 
 
 def test_what_is_not_captured_is_not_tracked() -> None:
-    with pytest.raises(ParameterError, match='accepted: a capture, and no orbit'):
+    with pytest.raises(ParameterError, match='accepted: a capture'):
         run(**{'capture.time': 0.0})
     assert some(run().captured).time == 10.0
+
+
+def test_a_body_that_slips_takes_along_its_momentum_and_is_held_where_it_shall_be() -> None:
+    slips = {'capture.settling': 2.0, 'target_pose.after': 4.0, 'capture.linear_velocity': [0.02, -0.03, 0.05]}
+    made = run(**slips, **{'duration': 15.0, 'initial.base_angular_velocity': [0.01, -0.02, 0.01]})
+    read = made.read(14.5)
+    poses = [each.message for each in read if each.topic == 'target_pose']
+    time = np.array([each.header.stamp.sec + 1e-9 * each.header.stamp.nanosec for each in poses])
+    place = np.array([[each.pose.position.x, each.pose.position.y, each.pose.position.z] for each in poses])
+    assert time[-1] == pytest.approx(14.0)
+    # The camera's frame moves on without a jump: by speed times time, and as fast before the capture as after it.
+    speed = np.diff(place, axis=0) / np.diff(time)[:, None]
+    at = int(np.flatnonzero(np.abs(time - 10.0) < 1e-6)[0])
+    assert np.abs(np.diff(speed[at - 3 : at + 3], axis=0)).max() < 0.05
+    simulation = make_simulation(made.config, made.robot)
+    assert isinstance(simulation, CaptureSimulation)
+    instants = np.array([9.0, 12.0, 12.5, 14.0])
+    truth = simulation.advance(instants)
+    alone, after = total_momentum(made.robot, truth[:1]), total_momentum(simulation.joined_model, truth[1:])
+    assert after == pytest.approx(np.tile(alone + simulation.target_momentum, (3, 1)), abs=1e-6)
+    configuration = Kinematics(made.robot).configure(
+        rotation_from_quaternion(truth.base_orientation), truth.joint_position
+    )
+    rotation, position = configuration.link_pose(made.robot.link('link7'))
+    held = truth.base_position + position + rotation @ np.array([0.1, 0.0, 0.2])
+    for index in (1, 3):
+        nearest = int(np.argmin(np.abs(time - instants[index])))
+        assert place[nearest] == pytest.approx(held[index], abs=1e-6)
+
+
+def test_a_body_that_is_tracked_in_an_orbit_falls_as_the_robot_does() -> None:
+    """Its poses, in a frame that turns, lead to the path that Clohessy and Wiltshire have."""
+    rate = 0.02
+    made = run(**{'orbit.mean_motion': rate, 'orbit.frame': 'hill', 'capture.time': 10.0})
+    poses = [each.message for each in made.read(10.0) if each.topic == 'target_pose']
+    time = np.array([each.header.stamp.sec + 1e-9 * each.header.stamp.nanosec for each in poses])
+    turn = rotation_from_quaternion(np.array([[q.x, q.y, q.z, q.w] for q in (each.pose.orientation for each in poses)]))
+    place = np.array([[each.pose.position.x, each.pose.position.y, each.pose.position.z] for each in poses])
+    centre = place + turn @ (TARGET.body[1:4] - np.array([0.1, 0.0, 0.2]))
+    step, middle = time[1] - time[0], slice(1, -1)
+    pull = np.diff(centre, n=2, axis=0) / step**2
+    speed = (centre[2:] - centre[:-2]) / (2.0 * step)
+    x, _, z = centre[middle].T
+    expected = np.column_stack(
+        (3.0 * rate**2 * x + 2.0 * rate * speed[:, 1], -2.0 * rate * speed[:, 0], -(rate**2) * z)
+    )
+    assert np.abs(expected).max() > 5e-4
+    assert pull == pytest.approx(expected, abs=1e-6)

@@ -541,8 +541,9 @@ class MultiStart:
         declared = float(self.batch.variables.mean[BODY.start])
         known = float(np.sum(kernel.known[:, 0])) or float(self.batch.variables.typical_momentum[0])
         parts = [part * known for part in _GUESSED_MASSES]
-        if self.batch.variables.tracked is not None:
-            return [self.batch.variables.tracked.point(mass) for mass in parts]
+        tracked = self.batch.variables.tracked
+        if tracked is not None and tracked.held:
+            return [tracked.point(mass) for mass in parts]
         lengths = np.linalg.norm(kernel.model.positions, axis=1)
         length = float(np.sum(lengths)) * min(1.0, _LINKS / max(len(lengths), 1))
         guesses: list[Point] = []
