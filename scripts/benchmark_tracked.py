@@ -16,7 +16,6 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import Estimate
 
 _INTERVAL = 1.96  # standard deviations
-_LONG = 5  # one of so many seeds moves for the longest time
 _MARGIN = 1.0  # s, of the run after the last time
 _GROUPS = {'mass': (slice(0, 1), 1.0), 'centre': (slice(1, 4), 1e3), 'inertia': (slice(4, 10), 1.0)}
 
@@ -28,6 +27,7 @@ class Row:
     robot: str
     approach: float
     times: tuple[float, ...]
+    share: int  # of how many seeds one is run
 
     @property
     def name(self) -> str:
@@ -36,10 +36,10 @@ class Row:
 
 
 ROWS = [
-    Row(robot, approach, times)
-    for times in ((REST, REST + 10.0, REST + 30.0), (REST + 60.0,))
+    Row(robot, approach, times, share)
+    for times, shares in (((REST,), (3, 1)), ((REST + 10.0, REST + 30.0), (3, 3)), ((REST + 60.0,), (25, 25)))
     for robot in ('servicer7', 'table1')
-    for approach in (0.005, 0.05)
+    for approach, share in zip((0.005, 0.05), shares, strict=True)
 ]
 
 
@@ -123,7 +123,7 @@ def main() -> None:
     """Run the benchmark."""
     frame = Frame(__doc__, 'measured/accuracy.md', seeds=50)
     rows = frame.chosen(ROWS, lambda row: row.name)
-    seeds = {row: frame.arguments.seeds // (1 if len(row.times) > 1 else _LONG) for row in rows}
+    seeds = {row: frame.arguments.seeds // row.share for row in rows}
     files = {row: row.name for row in rows if seeds[row]}
     found = [line for row, outcome in frame.outcomes(Outcome, run, files, seeds) for line in lines(row, outcome)]
     text = table(_HEADER, found)

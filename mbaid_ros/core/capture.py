@@ -262,7 +262,7 @@ class CaptureEstimator:
             if window.time[0] > self.time + max(MARGIN, self._settling) - _SLACK:
                 later.append(self._with_tide_since_capture(window))
         later = [*self._held, *later]
-        self._held = later if later and not self._begun and self._waits(later, origin) else []
+        self._held = later if later and not self._begun and self._waits_for_poses(later, origin) else []
         if self._held:
             later = []
         if later and not self._begun:
@@ -278,12 +278,12 @@ class CaptureEstimator:
         self._tracked, self._notes, self._begun, self._held = None, (), False, []
         self._estimates.clear()
 
-    def _waits(self, later: list[Samples], origin: int) -> bool:
+    def _waits_for_poses(self, later: list[Samples], origin: int) -> bool:
         """Return whether poses of the target that go on are yet to show how the body is held once it has settled."""
         if self.time is None or self._settling == 0.0 or not self._track or self._track.frame is not None:
             return False
         settled = self.time + self._settling
-        return self._track.goes_on(origin + round(self.time * 1e9)) and later[-1].time[-1] < settled + _GOES_ON
+        return self._track.has_pose_after(origin + round(self.time * 1e9)) and later[-1].time[-1] < settled + _GOES_ON
 
     def _begin(self, later: list[Samples], origin: int) -> None:
         """Begin the method anew where the target was tracked before the capture; origin: ns, at time 0."""
@@ -303,7 +303,7 @@ class CaptureEstimator:
             return
         frame = self._track.frame
         if frame is None and self._settling > 0.0:
-            frame = self._track.grasped(self.kernel, later, origin, self.time + self._settling)
+            frame = self._track.frame_in_hand(self.kernel, later, origin, self.time + self._settling)
         wider = max(chaser.residual, 1.0) if np.isfinite(chaser.residual) else 1.0
         self._tracked = TargetAtCapture(
             self.time,
@@ -316,7 +316,7 @@ class CaptureEstimator:
             rigid=self._settling == 0.0,
             frame=frame,
         )
-        turned, away = self._tracked.apart
+        turned, away = self._tracked.distance_from_robot
         if self._settling == 0.0 and max(turned, away) > _APART:
             self._notes = (*self._notes, SLIPPED.format(np.rad2deg(turned), away))
         self._method = self._make_tracked(self._tracked)

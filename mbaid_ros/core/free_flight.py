@@ -214,7 +214,7 @@ def gravity_torque(gradient: Array, rotation: Array, inertia: Array) -> Array:
     )
 
 
-def fallen(time: Array, gradient: Gradient | None) -> tuple[Array, Array]:
+def free_fall(time: Array, gradient: Gradient | None) -> tuple[Array, Array]:
     """Return A and B (N, 3, 3) of free centres of mass, at A x + B v where x and v are those at time 0.
 
     Parameters
@@ -276,7 +276,7 @@ def _linearised(flight: FreeFlight, track: Track) -> tuple[Array, Array]:
     rotation = turned[0]
     by_both = log(turned[1:] @ np.swapaxes(rotation, 1, 2)) / steps[:, None, None]  # (8, N, 3), odometry axes
     arm = rotate(rotation, flight.lever)
-    by_centre, by_velocity = fallen(track.time, track.gradient)
+    by_centre, by_velocity = free_fall(track.time, track.gradient)
     position = by_centre @ flight.centre + by_velocity @ flight.velocity + arm
     residual = np.stack((track.position - position, log(track.rotation @ np.swapaxes(rotation, 1, 2))))
     columns = np.zeros((2, len(track.time), 3, _SIZE))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -86,6 +87,8 @@ _UNLIKELY = 1e-6
 # Stage 1 retires when it knows the mass as well as this (relative standard deviation) and
 # has agreed in as many windows in a row; in any case after so many windows, unless it contradicts stage 2 by then.
 _KNOWN, _AGREED, _LONGEST = 0.05, 20, 1200
+# Windows with a motion of the arm, until which a cause is sought why the motion of a tracked target is left out.
+_NAMED_BY = 80
 # s since the first number: a model that is far off agrees with so short a motion, and makes a wrong body of it.
 _FIRST_ESTIMATE_PERIOD = 6.0
 # s since the first stage's first number, in which stage 2 starts where the model is right.
@@ -244,7 +247,7 @@ class TrajectoryEstimator:
             has_prior = self._variables.has_body_prior or self._variables.previous_bias is not None
             joints_moved = knots.joints_moved or has_prior
             self._moved += knots.joints_moved
-            joints_moved |= self._variables.tracked is not None and self._variables.tracked.held
+            joints_moved |= self._variables.tracked is not None and self._variables.tracked.grasp_known
             # Known thrust moves a body without joints: its impulse over the change of the velocity is the mass.
             joints_moved |= not self._kernel.model.joints and bool(np.any(window.impulse))
             run.add(ready, still_open, joints_moved=joints_moved)
@@ -279,7 +282,8 @@ class TrajectoryEstimator:
             if self._variables.previous_bias is not None:  # of the run that this one continues
                 self.run.offer(partial(self._layout.point, self._variables.to_state @ self._variables.prior()[0]))
         elif (rows := self._variables.tracked) is not None and (
-            self.run.contradicts_target or (self._moved >= (1 if rows.held else 2) * FIRST and not self.run.converged)
+            self.run.contradicts_target
+            or (self._moved >= (1 if rows.grasp_known else 2) * FIRST and not self.run.converged)
         ):
             self._left_out = ANY_CAUSE
             self._variables = replace(self._variables, tracked=None)
@@ -361,9 +365,10 @@ class TrajectoryEstimator:
         layout, distribution = self._layout, run.distribution()
         now = replace(now, target_misfit=run.misfit_of_target(distribution))
         tracked = self._settings.tracked
-        if tracked is not None and self._left_out == ANY_CAUSE:
+        if tracked is not None and self._left_out == ANY_CAUSE and self._moved < _NAMED_BY:
             rows = CaptureRows(tracked, layout, self._averaging.origin)
-            self._left_out = rows.cause(distribution.mean, distribution.factor) or ANY_CAUSE
+            with suppress(np.linalg.LinAlgError):  # no body can be there
+                self._left_out = rows.pose_error(distribution.mean, distribution.factor) or ANY_CAUSE
         prior_scales = run.prior_scales(distribution)
         verdict = judge(self._evidence(run, prior_scales))
         contradicting = tuple(contradicting_unknowns(distribution, layout))

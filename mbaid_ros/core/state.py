@@ -138,7 +138,7 @@ class TrackedTarget(Protocol):
     """Knowledge of body and momentum from the target's motion before its capture."""
 
     @property
-    def held(self) -> bool:
+    def grasp_known(self) -> bool:
         """Whether it is known how the link holds the body: a search may begin at its motion then."""
 
     def at(self, point: Point, variables: Variables) -> Array:

@@ -327,7 +327,7 @@ class TrackedTargetConfig:
     poses and the robot at the capture; with capture.settling, by poses that go on after it."""
 
     @property
-    def placed(self) -> GraspedFrame | None:
+    def grasped_frame(self) -> GraspedFrame | None:
         """The tracked frame in that of the target link, where it is given.
 
         Raises ParameterError: Its quaternion is none.
@@ -377,7 +377,7 @@ class TargetTrack:
 
     def __init__(self, config: TrackedTargetConfig, prefix: str, falling: FallingFrame | None = None) -> None:
         self._config, self._prefix, self._falling = config, prefix, falling
-        self.frame = config.placed
+        self.frame = config.grasped_frame
         self._readings: list[_Reading] = []
         self.dropped: Counter[str] = Counter()
         self.odometry_frame = ''
@@ -386,7 +386,7 @@ class TargetTrack:
         """Whether there is a pose."""
         return bool(self._readings)
 
-    def goes_on(self, stamp: int) -> bool:
+    def has_pose_after(self, stamp: int) -> bool:
         """Return whether a pose is later than a stamp, ns."""
         return bool(self._readings) and self._readings[-1].stamp > stamp
 
@@ -441,7 +441,7 @@ class TargetTrack:
             notes = (*notes, f'{flight.dropped} of {count} poses of the target jump and are not used')
         return flight, notes
 
-    def grasped(
+    def frame_in_hand(
         self, kernel: MomentumKernel, windows: Sequence[Samples], origin: int, since: float
     ) -> GraspedFrame | None:
         """Return the tracked frame in that of the target link, by poses in windows since a time, s; None of few."""
@@ -487,7 +487,7 @@ class TargetTrack:
             f"{count} poses of the target are in the frame '{frame}', which is neither '{own}' nor that of a link"
             for frame, count in unknown.items()
         )
-        self.dropped[OTHER_FRAME] = unknown.total()
+        self.dropped[OTHER_FRAME] = max(self.dropped[OTHER_FRAME], unknown.total())
         stamps = sorted(found)
         stamps = stamps[:: len(stamps) // _MOST + 1]
         times = np.array([(stamp - origin) * 1e-9 for stamp in stamps])
@@ -555,7 +555,7 @@ class TargetAtCapture:
     frame: GraspedFrame | None = None  # the tracked frame in that of the link, once grasped
 
     @property
-    def held(self) -> bool:
+    def grasp_known(self) -> bool:
         """Whether it is known how the link holds the body that was tracked."""
         return self.rigid or self.frame is not None
 
@@ -571,7 +571,7 @@ class TargetAtCapture:
         return rotation, _origin_of(self.flight) - rotation @ self.frame.position
 
     @property
-    def apart(self) -> Array:
+    def distance_from_robot(self) -> Array:
         """How far that is from where the robot has it, rad and m; nan without such a frame."""
         if self.frame is None:
             return np.full(2, np.nan)
@@ -649,7 +649,7 @@ class TargetAtCapture:
         """
         _, factor = self.measured
         covariance = factor @ factor.T
-        if not self.held:
+        if not self.grasp_known:
             free = np.zeros((3, _NUMBERS))
             free[:, _VELOCITY] = np.eye(3)
             return _white(free if plane is None else plane[:2, :3] @ free, covariance), np.array([True, False, False])
@@ -673,7 +673,7 @@ class TargetAtCapture:
             place += len(each)
         return _white(rows, covariance), np.array([True, bool(sharp.any()), shaped])
 
-    def mended(self, change: Array) -> TargetAtCapture:
+    def with_other_poses(self, change: Array) -> TargetAtCapture:
         """Return the target by other poses: all turned (3 numbers, rad), larger (relative), later (s): (5,).
 
         Turned and larger about the odometry frame's origin.
@@ -690,11 +690,11 @@ class TargetAtCapture:
         )
         return replace(self, flight=moved)
 
-    def by_change(self, change: Array) -> Array:
+    def motion_jacobian(self, change: Array) -> Array:
         """Return how the numbers of the motion depend on such a change, (17, 5)."""
         place, steps = self.link[1], 1e-5 * np.eye(len(change))
         ahead, back = (
-            np.array([_motion_of(self.mended(change + sign * each).flight, place) for each in steps])
+            np.array([_motion_of(self.with_other_poses(change + sign * each).flight, place) for each in steps])
             for sign in (1.0, -1.0)
         )
         return (ahead - back).T / 2e-5
@@ -708,7 +708,7 @@ class TargetAtCapture:
     def guess(self, mass: float) -> tuple[Array, Array]:
         """Return a body (10,) with the target link and a momentum (6,) of the whole that have the motion, of a mass."""
         values, _ = self.measured
-        _, (_, centred, shaped) = self.selection(None) if self.held else (None, (True, False, False))
+        _, (_, centred, shaped) = self.selection(None) if self.grasp_known else (None, (True, False, False))
         rotation, position = self.link
         centre = values[_CENTRE] if centred else position
         ratios = np.eye(3) + (np.tensordot(values[_RATIOS], RATIOS, axes=1) if shaped else 0.0)
@@ -792,9 +792,9 @@ class CaptureRows:
     origin: Array  # (3,) m, that the state's angular momentum is about, odometry frame
 
     @property
-    def held(self) -> bool:
+    def grasp_known(self) -> bool:
         """Whether it is known how the link holds the body."""
-        return self.target.held
+        return self.target.grasp_known
 
     @cached_property
     def _selected(self) -> Array:
@@ -833,33 +833,38 @@ class CaptureRows:
         rows = variables.rows(by_numbers @ self._by_state)
         return np.column_stack((rows, rows @ (variables.from_state @ state) - value))
 
-    def cause(self, mean: Array, factor: Array) -> str:
+    def pose_error(self, mean: Array, factor: Array) -> str:
         """Return which error of the poses explains their contradiction with a state; empty if none does.
+
+        Raises LinAlgError: The body there cannot be captured.
 
         Parameters
         ----------
         mean, factor : (s,), (s, w) of the state and its covariance, without these rows
         """
+        misfit, _ = self.normalised_misfit(mean, factor)
+        if float(misfit @ misfit) < chi_square_limit(_BY_CHANCE, len(misfit)):
+            return ''
         found = []
         for places, text in _ERRORS_OF_POSES:
             change: Array = np.zeros(5)
             for _ in range(_STEPS_OF_CHANGE):
-                there = replace(self, target=self.target.mended(change))
-                value, whitening = there.mismatch(mean, factor)
-                by_change = whitening @ self.target.by_change(change)[:, places]
-                change[places] += np.linalg.lstsq(by_change, value)[0]
-            left = float(value @ value)
-            if left < chi_square_limit(_BY_CHANCE, len(value) - len(places)):
+                there = replace(self, target=self.target.with_other_poses(change))
+                misfit, whitening = there.normalised_misfit(mean, factor)
+                by_change = whitening @ self.target.motion_jacobian(change)[:, places]
+                change[places] += np.linalg.lstsq(by_change, misfit)[0]
+            left = float(misfit @ misfit)
+            if left < chi_square_limit(_BY_CHANCE, len(misfit) - len(places)):
                 found.append((left + 2.0 * len(places), text(change[places])))
         likely = min(found, default=(0.0, ''))[0] + _AS_LIKELY
         return ', or '.join(text for size, text in sorted(found) if size < likely)
 
-    def mismatch(self, mean: Array, factor: Array) -> tuple[Array, Array]:
+    def normalised_misfit(self, mean: Array, factor: Array) -> tuple[Array, Array]:
         """Return by how many standard deviations the motion misses a state, (k,), and what made them so, (k, 17).
 
         Parameters
         ----------
-        mean, factor : as of `cause`
+        mean, factor : as of `pose_error`
         """
         value, by_numbers, root = self._motion_rows(mean)
         seen = by_numbers @ self._by_state @ factor

@@ -63,7 +63,7 @@ def make_estimator(
     if config.method == 'trajectory':
         known = known or nominal_model(config, kernel)
         second = _trajectory(config, known, reporting, before, tracked)
-        if tracked is not None and tracked.held:  # the first stage knows nothing of it
+        if tracked is not None and tracked.grasp_known:  # the first stage knows nothing of it
             return TwoStageEstimator(None, second)
         if config.disturbance.constant != 'none' or not config.by_odometry or _has_varying_wrench(config):
             return second  # the first stage takes the momentum for constant, and needs poses

@@ -18,7 +18,7 @@ from mbaid_ros.core.free_flight import (
     Track,
     _linearised,
     _typical_misfit,
-    fallen,
+    free_fall,
     free_flight,
     inertia_of,
     tumbled,
@@ -230,7 +230,7 @@ def test_derivatives_in_an_orbit() -> None:
 def test_the_fall_is_that_of_an_exponential() -> None:
     gradient = 0.03**2 * np.diag([2.0, -1.0, -1.0])
     time = -np.array([0.0, 0.7, 1.9, 2.0, 33.3, 60.0])
-    by_place, by_speed = fallen(time, lambda each: np.broadcast_to(gradient, (len(each), 3, 3)))
+    by_place, by_speed = free_fall(time, lambda each: np.broadcast_to(gradient, (len(each), 3, 3)))
     matrix = np.block([[np.zeros((3, 3)), np.eye(3)], [gradient, np.zeros((3, 3))]])
     for index, each in enumerate(time):
         expected = expm(each * matrix)[:3]

@@ -256,9 +256,7 @@ def test_a_body_that_slips_is_placed_by_poses_that_go_on_or_by_the_arm(later: fl
     run = caught('servicer7', 5, 0.05, after=9.0, settling=2.0, later=later)
     estimates, session = session_of(run, tracked=True, **{'capture.settling': 2.0})
     assert judged(run, estimates).std[0] < 1.5
-    first = next(each for each in estimates if each.identifiable.any() and each.status != 'inconsistent')
-    assert (first.time < CAPTURE + 6.0) == (later > 0.0)
-    assert some(some(session.robot.captured(estimates[-1])).tracked).held == (later > 0.0)
+    assert some(some(session.robot.captured(estimates[-1])).tracked).grasp_known == (later > 0.0)
 
 
 @pytest.mark.long
@@ -281,12 +279,12 @@ def test_poses_that_go_on_place_the_frame_in_the_hand() -> None:
     away, tilt = 5e-3 * rng.standard_normal((2, len(time), 3))
     seen = exp(tilt) @ (rotation @ turn)
     given = TargetPoses(time, position + rotation @ place + away, quaternion_from_rotation(seen))
-    found = some(track_of(given).grasped(robot, windows, 0, 4.0))
+    found = some(track_of(given).frame_in_hand(robot, windows, 0, 4.0))
     std = np.sqrt(np.diag(some(found.factor) @ some(found.factor).T))
     assert std == pytest.approx(np.full(6, 5e-3 / np.sqrt(len(time))), rel=0.3)
     assert np.all(np.abs(log(found.rotation @ turn.T)) < 4.0 * std[:3])
     assert np.all(np.abs(found.position - place) < 4.0 * std[3:])
-    assert track_of(given).grasped(robot, windows, 0, 9.5) is None  # too few
+    assert track_of(given).frame_in_hand(robot, windows, 0, 9.5) is None  # too few
 
 
 def test_a_quaternion_that_is_none_is_refused() -> None:
@@ -310,7 +308,7 @@ def test_the_link_of_a_known_frame_is_as_uncertain_as_flight_and_frame_make_it()
         return link(replace(made, frame=GraspedFrame(exp(step[:3]) @ turn, place + step[3:])))
 
     assert made.link_factor == pytest.approx(central_difference(other, np.zeros(6), 1e-5), abs=1e-8)
-    assert made.apart == pytest.approx(np.linalg.norm(link(at_capture(1e3)).reshape(2, 3), axis=1))
+    assert made.distance_from_robot == pytest.approx(np.linalg.norm(link(at_capture(1e3)).reshape(2, 3), axis=1))
 
 
 def at_capture(tightness: float, *, rigid: bool = True) -> TargetAtCapture:

@@ -43,7 +43,8 @@ class Flight:
         body.add_freejoint()
         weld = spec.add_equality(name='grasp', active=False, name1='link7', name2='target')
         weld.type, weld.objtype = mujoco.mjtEq.mjEQ_WELD, mujoco.mjtObj.mjOBJ_BODY
-        weld.solref, weld.solimp = [0.02, 1.0], [0.99, 0.999, 1e-3, 0.5, 2.0]
+        # As stiff as can be: a softer one lets the body move by micrometres, which momentum shows.
+        weld.solref, weld.solimp = [0.02, 1.0], [0.9999, 0.9999, 1e-3, 0.5, 2.0]
         spec.option.gravity, spec.option.timestep = np.zeros(3), STEP
         spec.option.disableflags = int(mujoco.mjtDisableBit.mjDSBL_CONTACT) | int(mujoco.mjtDisableBit.mjDSBL_LIMIT)
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4

@@ -542,7 +542,7 @@ class MultiStart:
         known = float(np.sum(kernel.known[:, 0])) or float(self.batch.variables.typical_momentum[0])
         parts = [part * known for part in _GUESSED_MASSES]
         tracked = self.batch.variables.tracked
-        if tracked is not None and tracked.held:
+        if tracked is not None and tracked.grasp_known:
             return [tracked.point(mass) for mass in parts]
         lengths = np.linalg.norm(kernel.model.positions, axis=1)
         length = float(np.sum(lengths)) * min(1.0, _LINKS / max(len(lengths), 1))

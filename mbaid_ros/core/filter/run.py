@@ -180,8 +180,8 @@ class Run:
         self._windows: list[Window] = []  # to be relinearised, in order
         self._offered: Callable[[], Point] | None = None  # a start that another method has found
         # Whether a target was tracked whose motion shows where a search begins.
-        self._held = variables.tracked is not None and variables.tracked.held
-        self._first = _FIRST_TRACKED if self._held else FIRST
+        self._grasp_known = variables.tracked is not None and variables.tracked.grasp_known
+        self._first = _FIRST_TRACKED if self._grasp_known else FIRST
         self._due = self._first  # number of windows at which the next search begins
         self._searched = 0  # windows in the latest search
         self._linearised_until = -np.inf  # s, start of the last of these
@@ -211,7 +211,7 @@ class Run:
     @property
     def relinearises(self) -> bool:
         """Whether a tracked target's inertia has turned out far from where the windows are linearised, as yet."""
-        return self._held and self.phase is Phase.INITIALISING and self.inconsistent
+        return self._grasp_known and self.phase is Phase.INITIALISING and self.inconsistent
 
     @property
     def best(self) -> HypothesisFilter:
@@ -485,7 +485,7 @@ class Run:
 
     def _next_search(self, windows: int, gaussian: SquareRootInformation) -> int:
         """Return at how many windows to search again: soon where that may yet be accepted."""
-        if self._held and windows < _FEW_TRACKED:
+        if self._grasp_known and windows < _FEW_TRACKED:
             return windows + 1
         if self._variables.is_informed:
             return int(np.ceil(_GROWTH_DESCRIBED * windows))
