@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from scipy.special import ndtri
 
-from benchmarks.data import motion, write_bag
+from benchmarks.data import Case, motion, write_bag
 from benchmarks.honesty import readings, robots
 from benchmarks.honesty.disturbed import CATALOGUE
 from benchmarks.honesty.paths import sinusoids
@@ -27,6 +27,8 @@ from benchmarks.peers import dataset, redysim
 from benchmarks.peers.conditions import Condition, moved
 from benchmarks.peers.recording import Known
 from benchmarks.peers.runs import Outcome, Truth, outcome_of, score
+from benchmarks.sensor_bounds import sensors_bound
+from benchmarks.sensors import PAIRS, drawn
 from documents import blocks
 from mbaid_ros.core.geometry import Array, exp, log, rotate, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import Estimate
@@ -275,3 +277,20 @@ def test_a_run_of_a_condition_says_what_it_ends_with() -> None:
     assert reported.error.shape == reported.std.shape == (10,)
     assert reported.status in {'estimating', 'not_identifiable'}
     assert 0.0 <= max(reported.worst, reported.young) < 5.0
+
+
+def test_bounds_of_sensors_shrink_with_more_of_them_and_as_priors_and_noise_do() -> None:
+    case, truth = Case('servicer7', 'mid'), motion('servicer7')[:1001]
+    _, tracker, camera, _ = PAIRS
+    alone, both, more = (
+        sensors_bound(case, truth, drawn(pair, 0, both=second))
+        for pair, second in ((tracker, False), (tracker, True), (camera, True))
+    )
+    assert np.all(both < alone)
+    assert np.all(more <= both)
+    assert more[0] < 0.9 * both[0]  # of the mass, positions show more than turns do
+    gyro, finer = drawn(tracker, 0, both=True)
+    finer = finer._replace(used={**finer.used, 'orientation_std': 1e-6})
+    assert np.all(sensors_bound(case, truth, [gyro, finer]) < both)
+    slower = [each._replace(made={**each.made, 'rate': 0.5}) for each in (finer,)]
+    assert np.all(sensors_bound(case, truth, [gyro, *slower]) > sensors_bound(case, truth, [gyro, finer]))

@@ -14,6 +14,7 @@ from mbaid_ros.core.contracts import (
     Carried,
     Course,
     Instrument,
+    Linear,
     Motion,
     NominalModel,
     Observation,
@@ -69,8 +70,10 @@ _PATIENCE = 1_000_000_000
 _NOWHERE = -1  # index of an entry not found
 _ONCE_MORE = 256  # rotations, after which rounding is taken off: it has grown to some 1e-14 by then
 BIAS, STRETCH, TURN, CROSS, LATE = GYRO = ('gyro bias', 'gyro scale', 'gyro mount', 'gyro cross-axis', 'gyro delay')
+DRIFT = 'gyro drift'
 _LATE = 12  # place of the delay: as many numbers are before it
 _OFF = 0.02  # part of the motion that a declared error of the gyro's scale or mount may make
+_DRIFT_TIME = 30.0  # s, in which a walk of the bias goes as far as a drift that is found
 _TURNED = 0.2  # rad, from which the axes of a gyro are others: no declared mount is as far off
 _FIRST = 5  # windows of a mean angular momentum: noise is far below the rate, disturbances have hardly acted
 IMU_FRAME = 'IMU: frame_id is no link on the base'
@@ -461,6 +464,38 @@ def gyro(errors: GyroErrors | None) -> Gyro:
     return Gyro(diagonal(deviations), labels, wandering[:, : 3 * (own.walk > 0.0)], own)
 
 
+@dataclass(frozen=True, eq=False)
+class GyroDrift(Linear):
+    """A steady change of a gyro's bias, rad/s^2, (3,): a walk hardly goes as far."""
+
+    name: str = IMU
+
+    words: ClassVar = {
+        DRIFT: Words(
+            deviation=lambda name, value: (
+                f'the bias of {what_gyro(name)} drifts by {6e4 * np.linalg.norm(value):.3g} mrad/s a minute: let it '
+                f'warm up, or raise {_said_of(name, "bias_walk")}'
+            )
+        )
+    }
+
+    def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
+        """Return a walk that goes as far."""
+        del kernel
+        text, root = deviation_text(cause, value).partition(':')[0], np.sqrt(_DRIFT_TIME)
+        walk = wider_prior(text, f'{self.name}.bias_walk', root * value, root * std, 'rad/s/sqrt(s)')
+        return replace(walk, value=numbers(value), std=numbers(std), unit='rad/s^2')
+
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
+        """Return its reading by each."""
+        return motion.time[:, None, None] * motion.axes if sensor == self.name else None
+
+
+def drifting_gyro(name: str, deviation: float) -> GyroDrift:
+    """Return the drift of a gyro's bias as an unknown, of a standard deviation in rad/s^2."""
+    return GyroDrift(diagonal(np.full(3, deviation)), (f'{DRIFT}:{topic_of(name)}',) * 3, name)
+
+
 def without_gyro(name: str) -> Mapping[str, Setting]:
     """Return the parameters that leave a gyro out, by the name of its parameters."""
     return {f'{IMU}.noise_density': 0.0} if name == IMU else {f'{name}.use': False}
@@ -473,21 +508,23 @@ def _without_gyro(window: Window, begin: int, end: int) -> Window:
     return replace(window, knots=replace(window.knots, further=further))
 
 
-def gyro_check(name: str = IMU, columns: slice = slice(0, 3)) -> RateCheck:
-    """Return the check whether a gyro on the base turns as the poses do; arguments as of `GyroSensor`."""
-    without = Repair('', without_gyro(name))
-    motion, error = partial(_turn_of_gyro, columns=columns), partial(_gyro_error, name=name)
-    return RateCheck(motion, error, without, 'conflict')
+def gyro_check(sensor: GyroSensor, kinematics: Kinematics) -> RateCheck:
+    """Return the check whether a gyro turns as the poses do, and, on a link, as the joints move it."""
+    without = Repair('', without_gyro(sensor.name))
+    motion = partial(_turn_of_gyro, sensor=sensor, kinematics=kinematics)
+    return RateCheck(motion, partial(_gyro_error, name=sensor.name), without, 'conflict')
 
 
-def _turn_of_gyro(window: Samples, columns: slice = slice(0, 3)) -> RateMotion | None:
-    """Return how the base turned, in its axes at the start, by poses and gyro; None without a gyro."""
+def _turn_of_gyro(window: Samples, sensor: GyroSensor, kinematics: Kinematics) -> RateMotion | None:
+    """Return how a gyro's link turned, in its axes at the start, by poses and gyro; None without a gyro."""
     if not window.further.shape[1]:
         return None
     rotation, count = window.base_rotation, len(window)
+    if sensor.link is not None:
+        rotation, _ = kinematics.configure(rotation, window.joint_position).link_pose(sensor.link)
     step = slope_over_window(log(rotation[0].T @ ends(rotation)))
     noise = np.sqrt(6.0 / count * spread(window.pose_covariance)[:3])
-    rows = step, slope_over_window(ends(window.further[:, columns])), noise, np.zeros((3, 3)), rotation[0]
+    rows = step, slope_over_window(ends(window.further[:, sensor.columns])), noise, np.zeros((3, 3)), rotation[0]
     return RateMotion(*(row[None] for row in rows))
 
 

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
+from itertools import combinations
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -24,6 +25,15 @@ from mbaid_ros.core.contracts import (
 )
 from mbaid_ros.core.geometry import Array, Flags, Integers, exp, log, rotate, skew
 from mbaid_ros.core.noise import FoundNoise
+from mbaid_ros.core.odometry.faults import (
+    CONTRADICTS,
+    Meanings,
+    RateCheck,
+    RateMotion,
+    likeliest,
+    spread,
+    turn_between,
+)
 from mbaid_ros.core.odometry.model import MarkerConfig, marker_frame
 from mbaid_ros.core.odometry.stream import AttachedFrame, OdometryReader, PoseReader, orientation_only, source_of
 from mbaid_ros.core.outliers import OUTLIER, ResidualGate
@@ -45,6 +55,7 @@ POSE_TYPES = (
 MEASURES = ('position', 'orientation', 'both')
 _ROWS = {'position': np.arange(3, 6), 'orientation': np.arange(3), 'both': np.arange(6)}  # of a pose error
 MOUNT, WORLD, DELAY, SCALE, WANDER = 'pose mount', 'pose world', 'pose delay', 'pose scale', 'pose wander'
+TURNING, DRIFT = 'pose turning', 'pose drift'
 _ASSUMED = np.array([1e-3, 1e-4])  # m, rad, of a sensor of which nothing is declared and too little is read
 EARLY = 'pose much sooner than usual after the one before'
 NO_SAMPLE = 'no sample around the stamp of a pose'
@@ -55,6 +66,9 @@ _PATIENCE = 1_000_000_000  # ns: a sensor that is further behind the joints has 
 _WORLD_TURN, _WORLD_SHIFT = 0.05, 0.3
 _STENCIL = 4  # knots that the motion between two is interpolated from
 REFERENCE_GAP = 2.5  # s, between poses that a gyro fills: two readings at .5 Hz
+_TURNED = 0.2  # rad, from which the axes of a sensor are others: no declared mount is as far off
+_OFF = 0.02  # part of the motion that declared errors and the time between reading and sample may make
+_MILLIMETRE = 1e-3  # m: a unit
 _COUNT, _TIME, _ROTATION, _POSITION, _COVARIANCE = 0, 1, slice(2, 11), slice(11, 14), slice(14, 50)
 _WIDTH = 50  # columns of the sums over readings
 _NO_ROTATION = (0.0, 0.0, 0.0, 1.0)  # quaternion x, y, z, w of a position alone
@@ -86,6 +100,9 @@ class NamedPoseConfig:
     """Prior standard deviation of the delay of its stamps; 0: exact."""
     scale_std: float = parameter(1e-3, minimum=0.0)
     """Relative standard deviation of the lengths that it measures; 0: exact."""
+    turning_std: float = parameter(1e-6, 'rad/s', minimum=0.0)
+    """Standard deviation of the drift of the orientation that it measures, about each axis, as of a world frame that
+    turns; 0: it does not drift."""
     same_world: bool = parameter(default=False)
     """Whether its world frame is that of the odometry. Otherwise the constant turn and displacement between the two are
     unknown, and found from the data."""
@@ -601,6 +618,68 @@ class PoseWander(Linear):
         return np.tile(np.eye(6), (len(motion.time), 1, 1))[:, _ROWS[self.measures]]
 
 
+@dataclass(frozen=True, eq=False)
+class PoseDrift(Linear):
+    """A steady drift of a pose sensor: angular velocity (rad/s) and velocity (m/s) of its world, 6.
+
+    Momentum is conserved in a world that moves steadily, and not in one that turns.
+    """
+
+    name: str = ''
+    measures: str = 'both'
+
+    words: ClassVar = {
+        TURNING: Words(
+            'drifts of the named poses',
+            'poses.<name>.turning_std',
+            'the drift of {}: another sensor of the orientation shows it (poses.<name>.turning_std)',
+            lambda name, value: (
+                f'the orientation of {name} drifts by {6e4 * np.linalg.norm(value):.3g} mrad a minute: calibrate it, '
+                f'or raise poses.{name}.turning_std'
+            ),
+        ),
+        DRIFT: Words(
+            deviation=lambda name, value: (
+                f'{name} drifts by {_drifted(value)} a minute: calibrate it, or leave it out (poses.{name}.use)'
+            )
+        ),
+    }
+    redrawn_per_motion = True
+
+    def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
+        """Return a drift of the orientation as uncertain as it is large; where positions may drift, it is left out."""
+        del kernel
+        text, of = deviation_text(cause, value).partition(':')[0], f'poses.{self.name}'
+        if cause.startswith(TURNING) or self.measures == 'orientation':
+            return wider_prior(text, f'{of}.turning_std', value[:3], std[:3], 'rad/s')
+        return Repair(text, {f'{of}.use': False}, value=numbers(value), std=numbers(std), unit='rad/s, m/s')
+
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
+        """Return how much further on it reads the base by each."""
+        if sensor != f'poses.{self.name}':
+            return None
+        read = np.zeros((len(motion.time), 6, 6))
+        read[:, :3, :3] = read[:, 3:, 3:] = np.eye(3)
+        read[:, 3:, :3] = -skew(motion.position)
+        return (motion.time[:, None, None] * read)[:, _ROWS[self.measures]]
+
+
+def _drifted(value: Array) -> str:
+    """Return what a drift (6,), rad/s and m/s, makes in a minute."""
+    sizes = 6e4 * np.linalg.norm(value.reshape(2, 3), axis=1)
+    return ' and '.join(f'{size:.3g} {unit}' for size, unit in zip(sizes, ('mrad', 'mm'), strict=True) if size)
+
+
+def pose_drift(name: str, measures: str, turning: float, drift: float = 0.0) -> PoseDrift:
+    """Return the drift of a pose sensor as an unknown, of standard deviations in rad/s and m/s; 0 is none.
+
+    One that moves as well is a cause of its own beside the declared one, which only turns.
+    """
+    turns, moves = (float(measures in (part, 'both')) for part in ('orientation', 'position'))
+    label = f'{DRIFT if drift else TURNING}:{name}'
+    return PoseDrift(diagonal(np.repeat((turns * turning, moves * drift), 3)), (label,) * 6, name, measures)
+
+
 def pose_wander(name: str, config: NamedPoseConfig) -> PoseWander:
     """Return the correlated errors of a pose sensor.
 
@@ -637,11 +716,12 @@ def pose_errors(name: str, config: NamedPoseConfig, *, same_world: bool) -> Pose
     )
 
 
-def declared_poses(config: PosesConfig) -> tuple[PoseErrors | PoseWander, ...]:
+def declared_poses(config: PosesConfig) -> tuple[Linear, ...]:
     """Return the errors of all pose sensors."""
     places, used = _reference_names(config), config.used
     constant = [pose_errors(name, own, same_world=own.same_world or name in places) for name, own in used.items()]
-    return (*constant, *(pose_wander(name, own) for name, own in used.items()))
+    drifts = (pose_drift(name, own.measures, own.turning_std) for name, own in used.items())
+    return (*constant, *drifts, *(pose_wander(name, own) for name, own in used.items()))
 
 
 def pose_sensors(
@@ -795,6 +875,74 @@ def _refuse(config: PosesConfig) -> None:
                 f"parameter 'poses.{name}.same_world' is false, and it measures positions alone, which do not "
                 'determine how its world is turned; accepted: true'
             )
+
+
+class _Displacement:
+    """How what a sensor locates has turned and moved since its first reading, by samples and as it reads."""
+
+    def __init__(self, sensor: PoseSensor, kinematics: Kinematics) -> None:
+        self._sensor, self._kinematics = sensor, kinematics
+        self._first: tuple[Array, Array, Array, Array] | None = None
+
+    def __call__(self, window: Samples) -> RateMotion | None:
+        """Return the motion until a window; None where the sensor has read nothing in it."""
+        sums = window.readings[:, self._sensor.columns]
+        rows = np.flatnonzero(sums[:, _COUNT])
+        if not len(rows):
+            return None
+        mean = sums[rows] / sums[rows, :1]
+        turned, there = _located(window[rows], self._sensor, self._kinematics)
+        read = turned, there, mean[:, _ROTATION].reshape(-1, 3, 3), mean[:, _POSITION]
+        if self._first is None:
+            self._first = (turned[0], there[0], read[2][0], read[3][0])
+        rotation, position, own_rotation, own_position = self._first
+        step = np.concatenate((log(rotation.T @ turned), there - position), axis=1)
+        seen = np.concatenate((log(own_rotation.T @ read[2]), read[3] - own_position), axis=1)
+        noise = np.sqrt(spread(mean[:, _COVARIANCE].reshape(-1, 6, 6)) + spread(window.pose_covariance))
+        own = _ROWS[self._sensor.measures]
+        parts = (np.mean(step, axis=0)[own], np.mean(seen, axis=0)[own], noise[own], np.zeros((3, 3)), rotation)
+        return RateMotion(*(part[None] for part in parts))
+
+
+def pose_check(sensor: PoseSensor, kinematics: Kinematics) -> RateCheck:
+    """Return the check whether a sensor moves as the base's pose does, and, on a link, as the joints move it."""
+    error = partial(_pose_error, sensor=sensor)
+    return RateCheck(_Displacement(sensor, kinematics), error, Repair('', sensor.leave_out), 'conflict')
+
+
+def _pose_error(motion: RateMotion, contradiction: float, sensor: PoseSensor) -> tuple[str, float]:
+    """Return the units or axes that a sensor has instead of the poses', and the gain."""
+    parts = np.split(motion.step, motion.step.shape[1] // 3, axis=1)
+    size = np.repeat([np.sqrt(np.mean(np.sum(part**2, axis=1))) for part in parts], 3)
+    motion = replace(motion, noise=np.hypot(motion.noise, _OFF * size))
+    contradiction = motion.misfit(motion.read)
+    return (
+        likeliest(motion, contradiction, _pose_meanings(motion, sensor)) if contradiction >= CONTRADICTS else ('', 0.0)
+    )
+
+
+def _pose_meanings(motion: RateMotion, sensor: PoseSensor) -> Meanings:
+    """Yield the conventions of a sensor, and the steps (W, k) that each implies."""
+    name, turns = sensor.name.partition('.')[2], 0 if sensor.measures == 'position' else 3
+    if sensor.measures != 'orientation':
+        meant = motion.read.copy()
+        meant[:, turns:] *= _MILLIMETRE
+        yield 1.0, f'the positions of {name} are in millimetres: accepted: metres, as in REP 103', meant
+    turned: list[tuple[slice, Array, str]] = []
+    for what, own in ('axes', slice(turns)), ('positions', slice(turns, None)):
+        step, read, noise = (each[:, own] for each in (motion.step, motion.read, motion.noise))
+        turn, about = turn_between(step, read, noise) if read.size else (np.eye(3), '')
+        if np.linalg.norm(log(turn)) > _TURNED:
+            turned.append((own, read @ turn.T, f'the {what} of {name} are turned by {about}'))
+    for count in range(1, len(turned) + 1):
+        for chosen in combinations(turned, count):
+            meant = motion.read.copy()
+            for own, values, _ in chosen:
+                meant[:, own] = values
+            text = ' and '.join(words for *_, words in chosen)
+            how = f'correct its frame, or set {sensor.name}.marker.orientation'
+            how = 'publish them in the frame of the orientations' if chosen[0][0].stop is None else how
+            yield 1.0, f'{text}: {how}', meant
 
 
 class Reference:

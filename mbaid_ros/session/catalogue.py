@@ -6,7 +6,7 @@ is the state's, and of causes that explain a run equally well the first is named
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -34,6 +34,7 @@ from mbaid_ros.core.gyro import (
     GyroSensor,
     declared_gyro,
     declared_gyros,
+    drifting_gyro,
     gyro_inputs,
     gyro_instruments,
     gyro_sensors,
@@ -63,11 +64,19 @@ from mbaid_ros.core.odometry.model import (
     odometry_mount,
     odometry_scale,
     odometry_turning,
+    poses_beside_others,
     twist_bias,
 )
 from mbaid_ros.core.orbit import declared_gravity, declared_orbit_shape
 from mbaid_ros.core.passive import declared_springs
-from mbaid_ros.core.poses import declared_poses, pose_inputs, pose_instruments, pose_sensors
+from mbaid_ros.core.poses import (
+    PoseSensor,
+    declared_poses,
+    pose_drift,
+    pose_inputs,
+    pose_instruments,
+    pose_sensors,
+)
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, Input
@@ -192,8 +201,8 @@ def hypotheses(known_mass: float, position_std: float, constant: str, *, adapt: 
     )
 
 
-def suspects(kernel: MomentumKernel) -> tuple[Unknown, ...]:
-    """Return the unknowns that a contradicted run is tried with, beside its own.
+def suspects(kernel: MomentumKernel, sensors: Sequence[NamedSensor] = ()) -> tuple[Unknown, ...]:
+    """Return the unknowns that a contradicted run is tried with, beside its own, and those of named sensors.
 
     Their standard deviations are too small to matter, a thousandth of a plausible value. Exact declarations are
     among them.
@@ -214,6 +223,13 @@ def suspects(kernel: MomentumKernel) -> tuple[Unknown, ...]:
         twist_bias(0.0, 1e-4),
         suspected_gears(model.joint_names),
         joint_lags(model.joint_names, [SUSPECTED_LAG] * model.joints),
+        *((poses_beside_others(1e-4, 1e-6),) if sensors else ()),
+        *(drifting_gyro(sensor.name, 1e-7) for sensor in sensors if isinstance(sensor, GyroSensor)),
+        *(
+            pose_drift(sensor.name.partition('.')[2], sensor.measures, 3e-7, 3e-6)
+            for sensor in sensors
+            if isinstance(sensor, PoseSensor)
+        ),
     )
 
 

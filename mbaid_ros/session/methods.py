@@ -105,7 +105,7 @@ def _trajectory(
             config.disturbance.constant,
             adapt=_ADAPT and config.located,  # drifts show in poses only
         ),
-        suspects=suspects(known.kernel),
+        suspects=suspects(known.kernel, known.declared.sensors),
         conventions=conventions(known.declared.marker),
         located=config.located,
         orientation_measured=config.oriented,

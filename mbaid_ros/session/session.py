@@ -20,12 +20,12 @@ from mbaid_ros.core.gyro import IMU, DeadReckoning, GyroSensor, gyro_check
 from mbaid_ros.core.joints.faults import JointRates
 from mbaid_ros.core.joints.stream import JointMerge, JointReader
 from mbaid_ros.core.noise import NoiseEstimator
-from mbaid_ros.core.odometry.faults import HeldBase, twist_check
+from mbaid_ros.core.odometry.faults import HeldBase, SensorChecks, twist_check
 from mbaid_ros.core.odometry.stream import BaseSource, measured_orientation, odometry_reader
 from mbaid_ros.core.orbit import falling_frame
 from mbaid_ros.core.outliers import Copies
 from mbaid_ros.core.pipeline import Estimator, Identifier, PlainFaults, Synchroniser, WindowChecks
-from mbaid_ros.core.poses import REFERENCE_GAP, reference
+from mbaid_ros.core.poses import REFERENCE_GAP, PoseSensor, pose_check, reference
 from mbaid_ros.core.repair import Conversion, Repair
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import BaseStream, Input, JointStream, Packets, number_of, stamp_of, stamps_of
@@ -347,7 +347,10 @@ class Segment:
         gyros = [each.sensor for each in named.values() if isinstance(each.sensor, GyroSensor)]
         checks: list[Check] = [twist_check(), HeldBase(described)]
         if config.method == 'trajectory':
-            checks += [gyro_check(each.name, each.columns) for each in gyros if each.link is None]
+            poses = [each.sensor for each in named.values() if isinstance(each.sensor, PoseSensor)]
+            of_sensors = [gyro_check(each, described.kinematics) for each in gyros]
+            of_sensors += [pose_check(each, described.kinematics) for each in poses]
+            checks.append(SensorChecks(of_sensors))
         filled = config.poses.alone and any(each.link is None for each in gyros)
         self.identifier = Identifier(
             self._capture or method(),

@@ -11,7 +11,7 @@ from benchmarks.data import CONFIG, LEVELS, START, simulator_config, target
 from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.config.parameter_files import read_robot_description
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, exp, quaternion_from_rotation, rotation_from_quaternion
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.parameters import build, topic_of
 from mbaid_ros.session.session import Session
@@ -20,6 +20,7 @@ from mbaid_ros.simulated_run import SimulatedRun
 ROBOT, HAND = 'servicer7', 'link6'
 _MOUNT, _DELAY = 2e-3, 5e-3  # m and rad, s: as the estimator takes them by default
 _BIAS, _SCALE, _TURN = 5e-3, 3e-3, 1e-2  # rad/s, relative, rad
+_LENGTHS, _DRIFT = 1e-3, 1e-6  # relative, rad/s: as the estimator takes them of poses by default
 _AT_ONCE = 2000  # messages
 _ALONE: Mapping[str, object] = {'poses.alone': True}
 Values = Mapping[str, object]
@@ -32,6 +33,7 @@ class Drawn(NamedTuple):
     name: str
     made: Values
     used: Values
+    read: Callable[[Any, float], None] | None = None  # makes of a message and its time, s, what else is drawn of it
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,38 @@ def pose(
     made |= {'position_noise': noise[0], 'orientation_noise': noise[1]}
     used = {'measures': measures, 'frame': link or 'base_link', 'same_world': measures != 'orientation'}
     used |= {'position_std': noise[0], 'orientation_std': noise[1]}
-    return Drawn(f'poses.{name}', made, used)
+    lengths, drift = 1.0 + _LENGTHS * float(rng.standard_normal()), _DRIFT * rng.standard_normal(3)
+
+    def read(message: Any, time: float) -> None:
+        position, turned = pose_in(message)
+        turn = exp(time * drift)
+        if position is not None:
+            set_in(position, turn @ (lengths * numbers_in(position)))
+        if turned is not None:
+            rotation = rotation_from_quaternion(numbers_in(turned, 'xyzw')[None])
+            set_in(turned, quaternion_from_rotation(turn @ rotation)[0], 'xyzw')
+
+    return Drawn(f'poses.{name}', made, used, read)
+
+
+def pose_in(message: Any) -> tuple[Any, Any]:
+    """Return position and orientation in a message of any type, None where it has none."""
+    found = getattr(message, 'pose', getattr(message, 'transform', message))
+    found = getattr(found, 'pose', found)
+    position = getattr(found, 'translation', getattr(found, 'position', None))
+    turned = getattr(found, 'rotation', getattr(found, 'orientation', getattr(found, 'quaternion', None)))
+    return position, turned
+
+
+def numbers_in(part: Any, names: str = 'xyz') -> Array:
+    """Return the fields of a part of a message."""
+    return np.array([getattr(part, name) for name in names])
+
+
+def set_in(part: Any, values: Array, names: str = 'xyz') -> None:
+    """Set the fields of a part of a message."""
+    for name, value in zip(names, values.tolist(), strict=True):
+        setattr(part, name, value)
 
 
 @dataclass(frozen=True)
@@ -112,6 +145,12 @@ PAIRS = (
 )
 
 
+def drawn(pair: Pair, seed: int, *, both: bool) -> list[Drawn]:
+    """Return the sensors of a run; the errors of the first kind are the same with both."""
+    rng = np.random.default_rng([seed, 66])
+    return [sensor(rng=rng) for sensor in (*pair.first, *(pair.second if both else ()))]
+
+
 def estimates(
     pair: Pair,
     seed: int,
@@ -120,30 +159,33 @@ def estimates(
     seconds: float,
     spoil: Spoil | None = None,
     simulated: Values | None = None,
-    **more: object,
+    declared: Values | None = None,
 ) -> tuple[Session, list[Estimate]]:
     """Return the session and the estimates of a run; the errors of the first kind are the same in both."""
-    rng = np.random.default_rng([seed, 66])
-    drawn = [sensor(rng=rng) for sensor in (*pair.first, *(pair.second if both else ()))]
+    sensors = drawn(pair, seed, both=both)
     level = LEVELS['mid']
     noise = {f'noise.{name}': value for name, value in vars(level).items() if value}
     made: dict[str, object] = {**noise, 'seed': seed, 'odometry_rate': 10.0, 'pose_only': True}
     used: dict[str, object] = {**EXACT, **noise, **(pair.both if both else pair.alone), 'maximum_gap': 0.25}
-    for sensor in drawn:
+    for sensor in sensors:
         made |= {f'{sensor.name}.{key}': value for key, value in sensor.made.items()}
         used |= {f'{sensor.name}.{key}': value for key, value in sensor.used.items()}
     for group in ('gyros', 'poses'):
-        names = [each.name.partition('.')[2] for each in drawn if each.name.startswith(f'{group}.')]
+        names = [each.name.partition('.')[2] for each in sensors if each.name.startswith(f'{group}.')]
         made, used = made | {f'{group}.names': names}, used | {f'{group}.names': names}
-    made, used = {**made, **(simulated or {})}, used | more
-    topics = {topic_of(each.name): each.name for each in drawn}
+    made, used = {**made, **(simulated or {})}, used | dict(declared or {})
+    topics = {topic_of(each.name): each.name for each in sensors}
+    errors = {topic_of(each.name): each.read for each in sensors}
     text = read_robot_description(CONFIG / f'{ROBOT}.urdf')
     session = Session(build(EstimatorConfig, used), text)
     run = SimulatedRun(simulator_config(ROBOT, made), text, BAG_TYPES)
     run.start = START
     found: list[Estimate] = []
     for count, said in enumerate(run.read(seconds), start=1):
-        message = said.message if spoil is None else spoil(said.topic, said.time, said.message)
+        message = said.message
+        if (read := errors.get(said.topic)) is not None:
+            read(message, said.time)
+        message = message if spoil is None else spoil(said.topic, said.time, message)
         if message is None or (said.topic == 'pose' and not pair.odometry):
             continue
         if said.topic in topics:

@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
+from checked import generic, some
+from mbaid_ros.core.contracts import Motion
 from mbaid_ros.core.geometry import Array, cross, exp, log, rotate
-from mbaid_ros.core.gyro import SATURATED, RateIntegrator, gyro_check
+from mbaid_ros.core.gyro import DRIFT, SATURATED, RateIntegrator, drifting_gyro, gyro_check, gyro_sensor
 from mbaid_ros.core.joints.stream import JointMerge
 from mbaid_ros.core.odometry.stream import AttachedFrame
+from mbaid_ros.core.robot.model import Kinematics
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples, Stamps
-from observed import MID
+from observed import MID, kernel
+from simulated import robot
 
+SERVICER = robot('servicer7')
+KINEMATICS = Kinematics(SERVICER)
 MILLISECOND = 1_000_000
 GAP = 100 * MILLISECOND
 
@@ -90,15 +98,19 @@ def test_an_axis_that_stays_the_same_while_it_turns_fast_is_stuck_from_its_eight
     assert gyro.dropped == {SATURATED: 13 + 0 + 1}
 
 
-def window(rng: np.random.Generator, start: float, matrix: Array) -> Samples:
-    """Return a window of a base that turns evenly, whose gyro reads its rate times a matrix."""
+def window(rng: np.random.Generator, start: float, matrix: Array, link: str) -> Samples:
+    """Return a window of a base that turns evenly, whose gyro, on the base or a link, reads the rate times a matrix."""
     time = start + np.arange(0.0, 0.5, 0.1)
     rate = 0.1 * rng.normal(size=3)
-    rotation = exp((time - start)[:, None] * rate) @ exp(1e-4 * rng.normal(size=(5, 3)))
-    none = np.zeros((5, 3))
+    turned = exp((time - start)[:, None] * rate) @ exp(1e-4 * rng.normal(size=(5, 3)))
+    none, joints = np.zeros((5, 3)), np.zeros((5, 7))
+    if link:  # that turns, joints and all, as the base would; at its first pose it is aligned with its frame
+        joints = np.outer(time, rng.normal(size=7))
+        relative, _ = KINEMATICS.configure(np.tile(np.eye(3), (5, 1, 1)), joints).link_pose(SERVICER.link(link))
+        turned = turned @ np.swapaxes(relative, -1, -2)
     covariance = np.tile(1e-8 * np.eye(6), (5, 1, 1))
     gyro = time[:, None] * (matrix @ rate + np.array([0.01, -0.02, 0.03]))
-    return Samples(time, none, none, none, rotation, none, none, covariance, covariance, further=gyro)
+    return Samples(time, joints, joints, none, turned, none, none, covariance, covariance, further=gyro)
 
 
 @pytest.mark.parametrize(
@@ -113,12 +125,26 @@ def window(rng: np.random.Generator, start: float, matrix: Array) -> Samples:
         (exp(np.array([0.0, 0.0, -1.0])), 'turned by 57 degrees about (0.00, 0.00, 1.00)'),
     ],
 )
-def test_other_axes_and_units_are_reported(matrix: Array, reported: str) -> None:
+@pytest.mark.parametrize('link', ['', 'link6'])
+def test_other_axes_and_units_are_reported(matrix: Array, reported: str, link: str) -> None:
     rng = np.random.default_rng(2)
-    check = gyro_check()
-    found = [check.update(window(rng, 0.5 * number, matrix)) for number in range(20)][-1]
+    check = gyro_check(gyro_sensor('gyros.hand', 1e-4, SERVICER, SERVICER.link(link) if link else None), KINEMATICS)
+    found = [check.update(window(rng, 0.5 * number, matrix, link)) for number in range(20)][-1]
     assert reported in (found.text if found else '')
     assert bool(found) == bool(reported)
+
+
+def test_a_drift_is_repaired_by_a_walk_that_goes_as_far_in_half_a_minute() -> None:
+    unknown = drifting_gyro('gyros.hand', 1e-7)
+    cause, value = f'{DRIFT}:hand', np.array([0.0, 1e-4, 0.0])
+    assert unknown.causes == (cause,) * 3
+    found = unknown.repair(cause, value, 0.1 * value, kernel('servicer7'))
+    assert found.parameters == {'gyros.hand.bias_walk': 1e-3}
+    assert found.cause == 'the bias of the gyro hand drifts by 6 mrad/s a minute'
+    axes, time = exp(generic(5, 2, 3)), np.array([3.0, 7.0])
+    motion = cast('Motion', SimpleNamespace(time=time, axes=axes))
+    assert np.array_equal(some(unknown.measured('gyros.hand', motion)), time[:, None, None] * axes)
+    assert unknown.measured('imu', motion) is None
 
 
 GENERATOR = np.random.default_rng(1)

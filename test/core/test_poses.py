@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from copy import deepcopy
+from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
 from typing import Any, Literal, cast
@@ -22,13 +23,17 @@ from mbaid_ros.core.noise import FoundNoise
 from mbaid_ros.core.outliers import ResidualGate
 from mbaid_ros.core.poses import (
     DELAY,
+    DRIFT,
     EARLY,
     MOUNT,
     SCALE,
+    TURNING,
     WORLD,
     NamedPoseConfig,
     PoseCollector,
     PoseSensor,
+    pose_check,
+    pose_drift,
     pose_errors,
 )
 from mbaid_ros.core.poses import _between as between
@@ -149,7 +154,8 @@ def test_one_pose_is_a_position_and_an_orientation() -> None:
     """Equal numbers of one sensor of both, and of two with the same readings, of which each measures one part."""
     noise = 1e-3, 1e-4
     read = poses('whole', 0, 11.0, 50.0, noise)
-    levels = {'position_std': noise[0], 'orientation_std': noise[1], 'time_offset_std': 0.0}
+    exact = {'time_offset_std': 0.0, 'turning_std': 0.0}  # one of both parts, and two of a part each
+    levels = {'position_std': noise[0], 'orientation_std': noise[1], **exact}
     without = said(0, 11.0, 'odom', 'imu')
 
     def declared(**measures: str) -> dict[str, object]:
@@ -461,6 +467,86 @@ def test_errors_of_a_pose_are_declared_as_large_as_they_are(
         assert found.parameters == {f'poses.mocap.{name}': size for name, size in parameters.items()}
         assert np.ravel(np.array(found.value, dtype=float)) == pytest.approx(value)
         assert 'mocap' in found.cause
+
+
+def test_a_drift_moves_a_pose_as_a_world_that_turns_and_moves_does() -> None:
+    (turned,), position, time = exp(generic(1, 1, 3)), generic(2, 3), 7.0
+    unknown = pose_drift('mocap', 'both', 1e-5, 1e-6)
+
+    def read(rates: Array) -> Array:
+        rotation = exp(time * rates[:3])
+        return np.concatenate((time * rates[:3], rotation @ position + time * rates[3:] - position))
+
+    motion = SimpleNamespace(time=np.array([time]), rotation=turned[None], position=position[None])
+    columns = some(unknown.measured('poses.mocap', cast('Motion', motion)))[0]
+    assert_derivative(columns, read, np.zeros(6))
+    part = pose_drift('mocap', 'orientation', 1e-5)
+    assert part.causes == (f'{TURNING}:mocap',) * 3
+    assert np.array_equal(some(part.measured('poses.mocap', cast('Motion', motion)))[0], columns[:3])
+    assert part.measured('poses.camera', cast('Motion', motion)) is None
+
+
+@pytest.mark.parametrize(
+    ('kind', 'measures', 'parameters', 'text'),
+    [
+        (TURNING, 'both', {'poses.mocap.turning_std': 5e-4}, 'the orientation of mocap drifts by 15 mrad a minute'),
+        (DRIFT, 'orientation', {'poses.mocap.turning_std': 5e-4}, 'mocap drifts by 15 mrad a minute'),
+        (DRIFT, 'both', {'poses.mocap.use': False}, 'mocap drifts by 15 mrad and 60 mm a minute'),
+        (DRIFT, 'position', {'poses.mocap.use': False}, 'mocap drifts by 60 mm a minute'),
+    ],
+)
+def test_a_drift_is_declared_as_large_as_it_is_and_positions_that_drift_are_left_out(
+    kind: str, measures: str, parameters: dict[str, object], text: str
+) -> None:
+    value = np.array([0.0, 2.5e-4, 0.0, 1e-3, 0.0, 0.0])
+    value[:3] *= measures != 'position'
+    value[3:] *= measures != 'orientation' and kind == DRIFT
+    unknown = pose_drift('mocap', measures, 1e-6, 1e-6 * (kind == DRIFT))
+    found = unknown.repair(f'{kind}:mocap', value, 0.1 * value, kernel(ROBOT))
+    assert (found.parameters, found.cause) == (parameters, text)
+
+
+TURN = exp(np.array([0.0, 0.0, 0.5 * np.pi]))
+
+
+@pytest.mark.parametrize(
+    ('measures', 'axes', 'places', 'named'),
+    [
+        ('both', exp(np.array([0.0, 0.02, 0.0])), np.eye(3), ''),
+        ('orientation', TURN, np.eye(3), 'the axes of mocap are turned by 90 degrees about (0.00, 0.00, 1.00)'),
+        ('both', TURN, np.eye(3), 'the axes of mocap are turned by 90 degrees about (0.00, 0.00, 1.00)'),
+        ('both', np.eye(3), TURN.T, 'the positions of mocap are turned by 90 degrees about (0.00, 0.00, 1.00)'),
+        ('both', TURN, TURN.T, 'the axes of mocap are turned by 90 degrees about (0.00, 0.00, 1.00) and the positions'),
+        ('position', np.eye(3), 1e3 * np.eye(3), 'the positions of mocap are in millimetres'),
+    ],
+)
+@pytest.mark.parametrize('link', ['base_link', 'link6'])
+def test_a_sensor_of_other_axes_or_units_is_reported(
+    measures: str, axes: Array, places: Array, named: str, link: str
+) -> None:
+    random, model, width = np.random.default_rng(4), robot(ROBOT), 50
+    moved = Kinematics(model)
+    sensor = PoseSensor('poses.mocap', measures, slice(0, width), link=model.link(link))
+    check, found = pose_check(sensor, moved), None
+    for number in range(20):
+        turned, position = exp(0.3 * random.normal(size=(5, 3))), 0.2 * random.normal(size=(5, 3))
+        joints, nothing = random.normal(size=(5, 7)), np.zeros((5, 3))
+        placed, away = moved.configure(turned, joints).link_pose(model.link(link))
+        covariance = np.tile(1e-8 * np.eye(6), (5, 1, 1))
+        readings = np.zeros((5, width))
+        readings[::2, 0] = 1.0  # of three readings, one of them a mean of two
+        readings[::2, 2:11] = (placed @ axes).reshape(5, 9)[::2]
+        readings[::2, 11:14] = ((position + away) @ places.T)[::2]
+        readings[::2, 14:50] = covariance.reshape(5, 36)[::2]
+        readings[2] *= 2.0
+        time = 0.5 * number + 0.1 * np.arange(5)
+        window = Samples(time, joints, joints, position, turned, nothing, nothing, covariance, covariance)
+        found = check.update(replace(window, readings=readings))
+    assert bool(found) == bool(named)
+    if found:
+        assert found.text.startswith(named)
+        assert found.severity == 'conflict'
+        assert some(found.repair).parameters == {'poses.mocap.use': False}
 
 
 def test_what_is_not_measured_has_no_errors() -> None:

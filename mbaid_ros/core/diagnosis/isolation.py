@@ -37,7 +37,7 @@ from mbaid_ros.core.odometry.model import OF_TWIST, marker_text, vibration
 from mbaid_ros.core.passive import swinging_text
 from mbaid_ros.core.repair import Conversion, Repair, widened
 from mbaid_ros.core.results.estimate import PULSE
-from mbaid_ros.core.results.innovations import Innovations
+from mbaid_ros.core.results.innovations import BASE_SENSORS, Innovations
 from mbaid_ros.core.results.verdict import FOUND_NOISE, LARGEST_NIS, Cause, too_small
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.samples import Samples, SensorNoise
@@ -53,6 +53,8 @@ _TOO_SMALL = 1.3  # times the declared noise, from which the declared one is wro
 CATCH_ALL = 0.95
 # Of how many the gain is found by passes of their own, and of how many of one kind: three links or joints will do.
 _REFINED, _ALIKE = 5, 3
+# Standard deviations of the misfit that n right numbers have by chance, sqrt(n / 2): leaving them out gains that.
+_CHANCE = 2.0
 _EVERY = 2  # one window in so many shows which convention is likely: for half of the work
 _TRIED = 4  # conventions
 _AGREES = 0.01  # part of the misfit, from which one that an earlier search has found needs no other search
@@ -198,7 +200,9 @@ class Candidate:
     of_twist: bool = False  # whether it is something wrong with the base's twist
     part: float = 1.0  # of the windows, that it has readings of: the others count as if explained as well
     vibrates: bool = False  # whether something swings at one frequency
-    weight: float = 1.0  # of its gain: a sensor that is left out explains less than a fault of it does
+    # weight of its gain, and what is taken off: a fault of a sensor explains nearly all that leaving it out does
+    weight: float = 1.0
+    less: float = 0.0
     # How a run takes it into account; or the label of the unknown that knows.
     repair: Repair | str | None = None
 
@@ -321,6 +325,7 @@ class CandidateCauses:
         """
         passes, ratios = self.extended(), dict(zip(innovations.sensors, innovations.ratio.tolist(), strict=True))
         correlations = dict(zip(innovations.sensors, innovations.correlation.tolist(), strict=True))
+        counts = dict(zip(innovations.sensors, innovations.count.tolist(), strict=True))
         for sensor in self.layout.sensors:
             ratio = ratios.get(sensor.name, np.nan)
             if not ratio > 1.0:
@@ -334,11 +339,14 @@ class CandidateCauses:
                 declared = {name: times * value for name, value in sensor.noise.items() if value > 0.0}
                 repair = Repair(text, declared or sensor.leave_out, value=times)
             without = [sensor.without(window) for window in windows]
-            yield Candidate(text, passes, without, weight=CATCH_ALL, repair=repair)
+            chance = _CHANCE * float(np.sqrt(0.5 * counts[sensor.name]))
+            yield Candidate(text, passes, without, weight=CATCH_ALL, less=chance, repair=repair)
         if self.layout.odometry and any(sensor.of_pose for sensor in self.layout.sensors):
             text = 'the odometry contradicts the other sensors: check it, or leave it out (poses.alone)'
             other = replace(self, layout=replace(self.layout, odometry=False))
-            yield Candidate(text, other.extended(), [without_twist(window) for window in windows])
+            chance = _CHANCE * float(np.sqrt(0.5 * sum(counts.get(name, 0.0) for name in BASE_SENSORS)))
+            without = [without_twist(window) for window in windows]
+            yield Candidate(text, other.extended(), without, weight=CATCH_ALL, less=chance)
 
     def _vibrations(self, windows: Sequence[Window], at: Point, unpredicted: Array) -> Iterator[Candidate]:
         """Yield swings of the base, by how each window's way is not as predicted, (W, p)."""
@@ -375,6 +383,7 @@ class CandidateCauses:
             else filtered.gaussian.log_likelihood - base.log_likelihood
         )
         gain = candidate.weight * (gain + contradicting - candidate.passes.contradicting(filtered.gaussian))
+        gain -= candidate.less
         repair = candidate.repair_of(filtered) if gain > WORTH else None
         cause = CandidateCause(text, gain, of_twist=candidate.of_twist, repair=repair)
         return [replace(cause, vibrates=candidate.vibrates)]

@@ -141,6 +141,26 @@ class RateCheck:
         return self.reason()
 
 
+class SensorChecks:
+    """Follows windows with the checks of sensors against the base's poses: most contradict poses that are wrong.
+
+    Parameters
+    ----------
+    checks : one of each sensor
+    """
+
+    def __init__(self, checks: Sequence[RateCheck]) -> None:
+        self._checks = checks
+
+    def update(self, window: Samples) -> Reason | None:
+        """Add a window, and return the clearest contradiction that the latest ones show; no cause where most do."""
+        found = [reason for each in self._checks if (reason := each.update(window)) is not None]
+        if len(found) > 1 and 2 * len(found) > len(self._checks):
+            text = f'{len(found)} of {len(self._checks)} sensors contradict the poses of the base in axes or units'
+            return Reason(f'{text}: look at the frame of these first', 'conflict')
+        return max(found, key=lambda each: each.gain or 0.0, default=None)
+
+
 def twist_check() -> RateCheck:
     """Return the check whether the base's twist is the rate of its poses."""
     without = Repair('', conversion=Conversion(with_twist=False))

@@ -49,6 +49,7 @@ from mbaid_ros.parameters import parameter
 TWIST_FRAMES = ('child', 'inertial')
 SCALE, ANGULAR_BIAS, LINEAR_BIAS = 'odometry scale', 'twist bias', 'twist velocity bias'
 TURNING, LATE = 'odometry turning', 'twist late'
+POSES_LATE, POSES_DRIFT = 'poses late', 'poses drift'
 OF_TWIST = (LATE, ANGULAR_BIAS, LINEAR_BIAS)  # errors of the twist alone
 _MINUTE = 60.0  # s: a unit
 _ALONG = 4.0  # standard deviations, to which an angular velocity is along the normal of an orbit
@@ -374,6 +375,37 @@ class TwistLate(Linear):
     def measured(self, sensor: str, motion: Motion) -> Array | None:
         """Return the earlier twist."""
         return -motion.slope[..., None] if sensor == 'twist' else None
+
+
+@dataclass(frozen=True, eq=False)
+class PosesBesideOthers(Linear):
+    """Delay (s) and velocity (m/s) of the poses against joints and other sensors, 4: only these show them."""
+
+    words: ClassVar = {
+        POSES_LATE: Words(
+            deviation=lambda _, value: (
+                f'the odometry is stamped {1e3 * np.sum(value):+.3g} ms late against other sensors: check its stamps'
+            )
+        ),
+        POSES_DRIFT: Words(
+            deviation=lambda _, value: (
+                f'the position of the odometry drifts by {6e4 * np.linalg.norm(value):.3g} mm a minute against other '
+                'sensors: calibrate it'
+            )
+        ),
+    }
+
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
+        """Return the earlier pose, and the displacement."""
+        if sensor != 'pose':
+            return None
+        moved = motion.time[:, None, None] * np.eye(6)[:, 3:]
+        return np.concatenate((-motion.twist[..., None], moved), axis=2)
+
+
+def poses_beside_others(delay: float, drift: float) -> PosesBesideOthers:
+    """Return these as an unknown, of standard deviations in s and m/s."""
+    return PosesBesideOthers(diagonal([delay, *np.full(3, drift)]), (POSES_LATE, *(POSES_DRIFT,) * 3))
 
 
 @dataclass(frozen=True, eq=False)

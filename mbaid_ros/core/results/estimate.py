@@ -30,6 +30,8 @@ GROUPS = {'mass': slice(0, 1), 'centre of mass': slice(1, 4), 'inertia': slice(4
 _MOST = 0.5  # share from which one cause is named: it alone limits the precision
 _RESTS, _NAMED = 0.1, 5  # share from which an unobservable standard deviation is named; how many of them
 _SHORT = {'zero': 'zero of {}', 'origin': 'origin of {}', 'axis': 'axis of {}', 'link': 'link {}'}
+_SHORT |= {f'{thing} {part}': f'{part} of {{}}' for thing in ('gyro', 'pose') for part in ('mount', 'delay', 'scale')}
+_SHORT |= {'gyro bias': 'bias of {}', 'pose world': 'world of {}', 'pose turning': 'drift of {}'}
 # Where the parameters would be published if the data did not contradict the model.
 WITHHELD = 'the data contradict the model so strongly that no parameter can be published'
 # Where a run is relative to the capture; core/capture.py decides.

@@ -18,7 +18,13 @@ from mbaid_ros.core.filter.linearise import WindowModel
 from mbaid_ros.core.geometry import Array, crossed, exp, rotate, rotate_back
 from mbaid_ros.core.gyro import IMU, GyroErrors, gyro, gyro_sensor
 from mbaid_ros.core.joints.model import joint_lags, joint_placements
-from mbaid_ros.core.odometry.model import integral_weights, odometry_mount, odometry_scale, twist_bias
+from mbaid_ros.core.odometry.model import (
+    integral_weights,
+    odometry_mount,
+    odometry_scale,
+    poses_beside_others,
+    twist_bias,
+)
 from mbaid_ros.core.odometry.stream import _blended
 from mbaid_ros.core.poses import PoseCollector, PoseSensor
 from mbaid_ros.core.robot.model import Kinematics
@@ -333,3 +339,15 @@ def test_a_wrong_scale_is_said_as_lengths_that_are_too_long_or_too_short(scale: 
     found = SCALE.repair('', value, std, cast(MomentumKernel, None))
     size, _, ending = text.partition(' %')
     assert found.cause == f'the odometry reads lengths +{size} ± 0.39 %{ending}'
+
+
+def test_poses_that_are_late_or_drift_are_those_of_earlier_and_displaced() -> None:
+    unknown = poses_beside_others(1e-4, 1e-6)
+    motion = cast('Motion', SimpleNamespace(time=np.array([2.0, 5.0]), twist=generic(7, 2, 6)))
+    read = some(unknown.measured('pose', motion)) @ np.array([0.05, 1e-3, 0.0, -2e-3])
+    moved = np.array([[0.0, 0.0, 0.0, 2e-3, 0.0, -4e-3], [0.0, 0.0, 0.0, 5e-3, 0.0, -1e-2]])
+    assert read == pytest.approx(moved - 0.05 * motion.twist)
+    assert unknown.measured('twist', motion) is None
+    texts = deviation_text('poses late', np.array([0.05])), deviation_text('poses drift', np.array([0.0, 1e-3, 0.0]))
+    assert texts[0].startswith('the odometry is stamped +50 ms late')
+    assert 'drifts by 60 mm a minute' in texts[1]
