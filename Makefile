@@ -36,7 +36,8 @@ help:
 	@echo "make clean   remove what the others made"
 	@echo "make benchmark-NAME  set-up, then measure, and write the tables of a page in docs/ (ARGS=\"--seeds 10\", ARGS=--help)"
 	@echo "             NAME: accuracy, model-errors, disturbances, speed, planning, orbit (an hour each on two cores), starts,"
-	@echo "             honesty, benches, peers (half an hour), calibration (minutes); make paper-table likewise (seconds)"
+	@echo "             hardware (an hour, of clones), honesty, benches, peers (half an hour), calibration (minutes);"
+	@echo "             make paper-table likewise (seconds)"
 	@echo "HASHES=1     with setup: only packages whose SHA-256 is in requirements.lock"
 	@echo "PYTHON=...   the Python to build with, 3.10 to 3.13 (for the first set-up, or after make clean)"
 

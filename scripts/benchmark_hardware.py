@@ -377,12 +377,14 @@ def commit() -> str:
 
 
 def unfit(state: str, counts: Mapping[int, int]) -> Iterable[str]:
-    """Yield why the page cannot be written."""
+    """Yield why the page cannot be written; `counts` are the logs of each row that is measured."""
     if not state:
         yield 'files differ from the commit'
-    for number, recordings in enumerate(ALL):
-        if (count := counts.get(number, 0)) != recordings.count:
-            yield f'{recordings.name}: {count} of {recordings.count} logs'
+    if left_out := len(ALL) - len(counts):
+        yield f'{left_out} rows are left out'
+    for number, count in counts.items():
+        if count != ALL[number].count:
+            yield f'{ALL[number].name}: {count} of {ALL[number].count} logs'
 
 
 def main() -> None:
@@ -391,13 +393,13 @@ def main() -> None:
     chosen = frame.chosen(range(len(ALL)), lambda number: ALL[number].name)
     clones, state = Path(frame.arguments.clones), commit()
     logs = {number: ALL[number].found(clones) for number in chosen}
-    counts = {number: min(len(logs[number]), frame.arguments.seeds) for number in chosen if logs[number]}
+    counts = {number: min(len(logs[number]), frame.arguments.seeds) for number in chosen}
     reasons = list(unfit(state, counts))
     if not state:
         frame.arguments.store = None  # what it has may be of other files
     if reasons:
         frame.arguments.output = None
-    files = {number: f'hardware {state} {number}' for number in counts}
+    files = {number: f'hardware {state} {number}' for number, count in counts.items() if count}
 
     def line(number: int, found: Outcome) -> list[str]:
         print('\n'.join(found.shown))

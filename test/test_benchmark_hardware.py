@@ -72,6 +72,7 @@ def test_a_page_needs_one_commit_and_every_log() -> None:
     assert list(unfit('abc', counts)) == []
     assert list(unfit('', counts)) == ['files differ from the commit']
     assert list(unfit('abc', counts | {2: 3})) == ['SPOT, March 2021: 3 of 4 logs']
+    assert list(unfit('abc', {0: 1, 2: 0})) == [f'{len(ALL) - 2} rows are left out', 'SPOT, March 2021: 0 of 4 logs']
 
 
 def test_a_page_stays_as_it_was_without_the_clones(
@@ -82,7 +83,8 @@ def test_a_page_stays_as_it_was_without_the_clones(
     main()  # tmp_path has no page: writing it would fail
     said = capsys.readouterr().out
     assert 'missing: space station, six windows: USLAB000018.txt\n' in said
-    assert 'the page stays as it was: SPOT, March 2021: 0 of 4 logs\n' in said
+    assert f'the page stays as it was: {len(ALL) - 2} rows are left out\n' in said
+    assert 'the page stays as it was: space station, six windows: 0 of 6 logs\n' in said
 
 
 def runs_until_a_stop(row: str, seed: int) -> Outcome:
