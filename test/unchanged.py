@@ -1,4 +1,4 @@
-"""Estimates as they were: a change of code that changes one is meant, and written anew with it, or a mistake.
+"""Estimates and other results as they were: a change of code that changes one is meant, and written anew, or a mistake.
 
 `pytest -n 0 --write-estimates TESTS` writes those of some tests; the change is read in the difference of the files.
 """
@@ -6,7 +6,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,11 +34,28 @@ class Unchanged:
 
     def __call__(self, estimate: Estimate) -> None:
         """Compare the next estimate of a test."""
+        self._compare(dict(_parts(estimate)))
+
+    def course(self, estimates: Sequence[Estimate]) -> Estimate:
+        """Compare the next estimates of a test, all of a run, and return the last."""
+        self._compare({**dict(_parts(estimates[-1])), **dict(_course(estimates))})
+        return estimates[-1]
+
+    def values(self, **found: Any) -> None:
+        """Compare the next results of a test, by names: their numbers, each to a thousandth, and their texts."""
+        parts: dict[str, Array | list[str] | str | int] = {}
+        for name, value in found.items():
+            leaves = [*_leaves(value)]
+            texts = [_shortened(each) for each in leaves if isinstance(each, str)]
+            parts[name] = np.array([each for each in leaves if not isinstance(each, str)], dtype=float)
+            parts |= {f'{name} in words': texts} if texts else {}
+        self._compare(parts)
+
+    def _compare(self, found: dict[str, Array | list[str] | str | int]) -> None:
         if self._long:
             return
         name = f'{self._test}#{self._count}' if self._count else self._test
         self._count += 1
-        found = dict(_parts(estimate))
         kept = json.loads(self._path.read_text(encoding='utf-8')) if self._path.is_file() else {}
         if self._write:
             kept[name] = {part: _rounded(value) for part, value in found.items()}
@@ -49,12 +68,15 @@ class Unchanged:
             if isinstance(value, np.ndarray):
                 size = np.array(kept[name].get(f'{part} std', np.zeros(len(value))), dtype=float)
                 close = _CLOSE * np.where(np.isfinite(size), size, 0.0)
+                finite, expected = np.isfinite(value), np.array(before, dtype=float)
                 np.testing.assert_array_less(
-                    np.abs(np.nan_to_num(value - np.array(before, dtype=float), nan=0.0)),
-                    close + _CLOSE * (1.0 if part.startswith('share') else np.abs(np.nan_to_num(value))) + 1e-12,
+                    np.abs(np.where(finite, np.nan_to_num(value) - np.nan_to_num(expected), 0.0)),
+                    close
+                    + _CLOSE * (1.0 if part.startswith('share') else np.abs(np.nan_to_num(value)))
+                    + 1e-9 * np.max(np.abs(np.nan_to_num(value)), initial=1e-3),
                     f'{part} was {before}, is {value.tolist()}',
                 )
-                assert np.isfinite(value).tolist() == np.isfinite(np.array(before, dtype=float)).tolist(), part
+                assert finite.tolist() == np.isfinite(expected).tolist(), part
             else:
                 assert value == before, part
 
@@ -93,6 +115,43 @@ def _parts(estimate: Estimate) -> Iterator[tuple[str, Array | list[str] | str | 
         for cause, shares in zip(estimate.budget.causes, estimate.budget.shares.T, strict=True):
             if np.nan_to_num(shares).max() > 0.02:
                 yield f'share of {cause}', shares
+
+
+def _course(estimates: Sequence[Estimate]) -> Iterator[tuple[str, Array | list[str] | str | int]]:
+    """Yield how the estimates of a run follow each other, by a few numbers of up to forty of them."""
+    estimates = estimates[:: -1 - (len(estimates) - 1) // 40][::-1]
+    yield 'course', ' '.join(f'{each.status[0]}{len(each.warnings)}{len(each.events)}' for each in estimates)
+    for name, numbers in (
+        ('masses', [(each.parameters[0], each.std[0]) for each in estimates]),
+        ('momenta', [(np.sum(each.momentum), np.sqrt(np.sum(each.momentum_covariance))) for each in estimates]),
+        ('residuals', [(each.residual, np.nan) for each in estimates]),
+    ):
+        values, deviations = np.array(numbers).T
+        yield f'course of {name}', values
+        yield f'course of {name} std', deviations
+
+
+def _leaves(value: Any) -> Iterator[float | str]:
+    """Yield the numbers and texts that something holds, in order; of functions nothing."""
+    if isinstance(value, np.ndarray | np.generic):
+        yield from np.ravel(value).tolist()
+    elif isinstance(value, str | bool | int | float):
+        yield value
+    elif is_dataclass(value):
+        parts = [(getattr(value, each.name), each.default) for each in fields(value)]
+        yield from _leaves([part for part, default in parts if part is not default])  # a further part changes nothing
+    elif isinstance(value, Mapping):
+        yield from _leaves([*value.items()])
+    elif isinstance(value, Sequence):
+        for each in value:
+            yield from _leaves(each)
+    elif value is None:
+        yield 'none'
+
+
+def _shortened(text: str) -> str:
+    """Return the begin of a text, and all numbers after it."""
+    return ' '.join((text[:_WORDS], *re.findall(r'-?\d[\d.e+-]*', text[_WORDS:])))
 
 
 def _rounded(value: Array | list[str] | str | int) -> Any:

@@ -416,9 +416,9 @@ def _jumped(view: _View, place: int, joint: int) -> Repair:
     )
 
 
-def _encoder(view: _View, _place: int, _joint: int) -> Repair:
-    """Return joints with coarse encoders as far from their readings as steps make them."""
-    names, step = view.joints.names, view.quantum[-1]
+def _encoder(view: _View, place: int, _joint: int) -> Repair:
+    """Return joints with coarse encoders, as they show until a reading, as far from theirs as steps make them."""
+    names, step = view.joints.names, view.quantum[place - len(view.stamp)]
     far = np.flatnonzero(step > _STEP * view.joints.noise)
     size = float(np.max(step[far], initial=0.0))
     wider: dict[str, Setting] = {
