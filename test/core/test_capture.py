@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 
@@ -12,17 +13,19 @@ from scipy.stats import chi2
 
 import recorded
 from benchmarks.precapture import BARE_LINK7, free_model, free_urdf
-from checked import answer, same, some
-from mbaid_ros.core.capture import BEFORE, CaptureEstimator
-from mbaid_ros.core.geometry import Array
+from checked import answer, central_difference, generic, same, some
+from mbaid_ros.core.capture import BEFORE, CaptureEstimator, KnownMomentum
+from mbaid_ros.core.geometry import Array, cross, exp
+from mbaid_ros.core.odometry.model import odometry_mount
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.body import physical
-from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.samples import FEWEST, Samples
 from mbaid_ros.core.target import debris
 from mbaid_ros.replay.arguments import export, replay
 from observed import MID, configured_motion, estimator, kernel, observe, windows
 from servicers import CHASER, Joined, alone, capture, chaser, sensed
 from simulated import CONFIG
+from unchanged import Unchanged
 
 BEGIN, END = 8.0, 12.0  # s: the capture, and how long the run goes on after it
 VELOCITY = np.array([0.004, -0.006, 0.003])  # m/s
@@ -60,10 +63,11 @@ def body(estimate: Estimate) -> Array:
 
 
 @pytest.mark.parametrize('method', ['difference', 'trajectory'])
-def test_what_the_body_brought_along(method: str) -> None:
+def test_what_the_body_brought_along(method: str, unchanged: Unchanged) -> None:
     run = announced(method=method)
-    last = run.update(pieces(), 0)[-1]
+    last = unchanged.course(run.update(pieces(), 0))
     found = some(run.capture(body(last)))
+    unchanged.values(capture=found)
     assert found.time == BEGIN
     error = found.momentum - joined().momentum
     assert float(error @ np.linalg.solve(found.covariance, error)) < chi2.isf(RARE, 6)
@@ -120,7 +124,7 @@ def test_a_capture_called_too_early_can_be_moved(method: str) -> None:
     assert moved.phase == 'post_capture'
 
 
-def test_a_capture_is_detected() -> None:
+def test_a_capture_is_detected(unchanged: Unchanged) -> None:
     robot = chaser()
     run = CaptureEstimator(robot, lambda: estimator(robot, MID, method='difference'), MID, 2.0, detect=True)
     last = [run.update([window], 0) for window in pieces()][-1][-1]
@@ -130,6 +134,7 @@ def test_a_capture_is_detected() -> None:
     known.update(pieces(), 0)
     expected = some(known.capture(None))
     assert found is not None
+    unchanged.values(time=run.time, momentum=found.momentum)
     assert found.momentum == pytest.approx(expected.momentum, abs=0.02)
     assert found.spin == pytest.approx(SPIN, abs=1e-2)
 
@@ -154,12 +159,13 @@ def test_nothing_is_taken_for_a_capture_that_is_none() -> None:
     assert (run.time, run.phase) == (None, 'pre_capture')
 
 
-def test_a_planar_capture_determines_the_parameters_of_a_plane() -> None:
+def test_a_planar_capture_determines_the_parameters_of_a_plane(unchanged: Unchanged) -> None:
     planar = kernel('table1')
     run = CaptureEstimator(planar, lambda: estimator(planar, MID), MID, 2.0)
     run.time = 3.0
     run.update(windows(observe(configured_motion('table1', 15.0, 50.0), MID, 1)), 0)
     found = some(run.capture(None))
+    unchanged.values(capture=found)
     known = np.isfinite(found.momentum)
     assert known.tolist() == [True, True, False, False, False, True]
     assert np.all(np.isfinite(found.covariance[np.ix_(known, known)]))
@@ -180,6 +186,45 @@ def test_a_wrong_known_model_is_doubted_before_and_after() -> None:
     assert doubts[0].status == 'inconsistent'
     assert doubts[0].time < BEGIN
     assert made[-1] is doubts[-1]
+
+
+def test_momentum_is_known_by_windows_and_jumps_beside_noise_alone(unchanged: Unchanged) -> None:
+    """Each window's innovation is chi-square of six numbers, until the capture; no window before 50 equations."""
+    known, found = KnownMomentum(chaser(), MID, 3), []
+    for place, window in enumerate(pieces()):
+        found.append(known.innovation_squared(window))
+        assert (found[-1] == 0.0) is (place < 10)
+        if window.time[-1] < BEGIN - 0.5:
+            known.add(window)
+    known.add(pieces()[0][: FEWEST - 1])
+    assert known.redundancy == 6 * 14
+    assert len(known.windows) == 3
+    assert np.mean(found[10:15]) == pytest.approx(6.0, abs=5.0)
+    assert min(found[17:]) > 60.0
+    shift = odometry_mount(1e-3, 1e-3)
+    unchanged.values(innovations=found, chaser=known.chaser(), columns=known.columns(shift))
+
+
+def test_known_momentum_depends_on_an_unknown_as_windows_off_by_it_show() -> None:
+    """About the odometry's origin, far from where the run begins."""
+    far = [replace(each, base_position=each.base_position + 3.0 * generic(1, 3)) for each in pieces(None)[:10]]
+
+    def momentum(value: Array) -> Array:
+        known = KnownMomentum(chaser(), MID)
+        for each in far:
+            rotation = each.base_rotation @ exp(value[:3])
+            place = each.base_position + each.base_rotation @ value[3:]
+            lever = cross(each.base_angular_velocity, each.base_rotation @ value[3:])
+            velocity = each.base_linear_velocity + lever
+            known.add(replace(each, base_rotation=rotation, base_position=place, base_linear_velocity=velocity))
+        return some(known.chaser()).momentum
+
+    known = KnownMomentum(chaser(), MID, 20)
+    for each in far:
+        known.add(each)
+    mount = odometry_mount(1.0, 1.0)
+    expected = central_difference(momentum, np.zeros(6), 1e-4)
+    assert known.columns(mount) == pytest.approx(expected, abs=1e-3 * np.abs(expected).max())
 
 
 BAG = CONFIG.parent / 'bags' / 'servicer7_mid'

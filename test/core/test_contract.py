@@ -132,8 +132,7 @@ def test_a_plane_shows_four_parameters(method: str, unchanged: Unchanged) -> Non
         assert np.array_equal(np.isfinite(estimate.parameters), estimate.identifiable)
         if method in RECURSIVE:  # a parameter is published once a fiftieth of the start is left
             assert np.all(np.abs(estimate.parameters / TRUE - 1.0)[estimate.identifiable] < 0.1)
-    last = followed(method)[-1]
-    unchanged(last)
+    last = unchanged.course(followed(method))
     assert last.status in {'estimating', 'converged'}
     assert np.flatnonzero(last.identifiable).tolist() == IN_PLANE
     assert not last.events
@@ -150,8 +149,7 @@ def test_exact_data_give_the_exact_body(method: str) -> None:
 
 @weighted
 def test_errors_are_as_large_as_the_covariance_says(method: str, unchanged: Unchanged) -> None:
-    last = followed(method)[-1]
-    unchanged(last)
+    last = unchanged.course(followed(method))
     assert last.residual == pytest.approx(1.0, abs=0.25)
     assert nees(last, TRUE) < 1.25 * chi2.isf(1e-3, 4)
     assert abs(last.momentum[5] - MOMENTUM) < 4.5 * np.sqrt(last.momentum_covariance[5, 5])

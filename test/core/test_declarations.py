@@ -14,7 +14,7 @@ from mbaid_ros.core.contracts import NominalModel, deviation_text, underestimate
 from mbaid_ros.core.forces import DisturbanceModel, disturbances, thrusters
 from mbaid_ros.core.geometry import Array, exp, rotate
 from mbaid_ros.core.gyro import GyroErrors, gyro
-from mbaid_ros.core.passive import resolved, spring_errors, starting_swing, swing_noise
+from mbaid_ros.core.passive import implausible_springs, resolved, spring_errors, starting_swing, swing_noise
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import Springs
 from mbaid_ros.core.state import UnknownsPrior, in_plane_map
@@ -230,3 +230,28 @@ def test_a_part_of_an_unknown_has_the_numbers_of_one_cause() -> None:
 )
 def test_what_is_off_is_said_with_its_value(text: str, words: str) -> None:
     assert words in text
+
+
+@pytest.mark.parametrize(
+    ('frequency', 'deflection', 'seen', 'texts'),
+    [
+        (2.9, 0.1, True, []),
+        (-3.1, 0.1, True, ['boom would swing at 0.233 Hz, 3.1 standard deviations from flexible.boom.frequency']),
+        (-3.1, 0.1, False, []),
+        (0.0, 2.9, True, []),
+        (0.0, 3.2, True, ['boom would swing by 3.2 rad (m), beyond its limits in the URDF, -3.14 to 3']),
+    ],
+)
+def test_a_passive_joint_contradicts_its_declaration_by_its_frequency_or_its_limits(
+    frequency: float, deflection: float, texts: list[str], *, seen: bool
+) -> None:
+    springs, limits = on_springs().kernel.springs, [SimpleNamespace(lower=-3.14, upper=3.0)] * 3
+    unknown = spring_errors(NAMES, [0.1, 0.2], [0.01, 0.02])
+    kernel = SimpleNamespace(model=SimpleNamespace(limits=limits), springs=springs)
+    layout: Any = SimpleNamespace(kernel=kernel, unknowns=(unknown,), places=(slice(2, 6),))
+    state = np.zeros(6)
+    state[2] = frequency
+    joints: list[Any] = [SimpleNamespace(joint=name, deflection=deflection * (name == 'boom')) for name in NAMES]
+    reasons = implausible_springs(state, layout, joints, np.array([seen, True]))
+    assert [each.text.split(', 0.318')[0].split(':')[0] for each in reasons] == texts
+    assert [each.gain for each in reasons] == pytest.approx([4.805 if frequency else 4.5][: len(texts)])

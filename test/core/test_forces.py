@@ -212,8 +212,7 @@ def test_a_wrong_spin_inertia_with_its_prior(run: Truth, seeds: int, unchanged: 
     squares = []
     for seed in range(seeds):
         method = make(wrong, MID, declared=declared)
-        last = method.update(windows(inside(run, seed)), 0)[-1]
-        unchanged(last)
+        last = unchanged.course(method.update(windows(inside(run, seed)), 0))
         squares.append(normalised(last, wrong))
         assert last.status in {'estimating', 'converged'}
         assert last.budget is not None

@@ -16,8 +16,12 @@ from mbaid_ros.core.free_flight import (
     FreeFlight,
     PoseNoise,
     Track,
+    _first_guess,
+    _held,
     _linearised,
+    _step,
     _typical_misfit,
+    _whitened,
     free_fall,
     free_flight,
     inertia_of,
@@ -27,11 +31,18 @@ from mbaid_ros.core.geometry import Array, exp, log, unvec
 from mbaid_ros.core.orbit import Orbit
 from mbaid_ros.simulation.changes import Target
 from mbaid_ros.simulation.tumbling import FreeMotion
+from unchanged import Unchanged
 
 BODY = np.array([155.0, 0.34, -0.22, 0.78, 24.0, -2.5, 2.0, 33.0, -0.5, 29.0])
 PLACE = np.array([0.1, 0.0, 0.2])
 VELOCITY, AXIS = np.array([0.004, -0.006, 0.003]), np.array([0.6, -0.7, 0.4]) / np.sqrt(1.01)
 RARE = 1e-3
+
+
+def numbers(flight: FreeFlight) -> list[object]:
+    """Return all of a flight but its rows, of which the covariance shows."""
+    shown = ('centre', 'velocity', 'spin', 'lever', 'shape', 'noise', 'misfit', 'used', 'dropped', 'largest')
+    return [*(getattr(flight, name) for name in shown), np.sqrt(np.diag(flight.covariance))]
 
 
 def flown(degrees: float, seed: int = 0, seconds: float = 60.0) -> tuple[FreeMotion, Track]:
@@ -103,9 +114,10 @@ def test_derivatives() -> None:
 
 
 @pytest.mark.parametrize('degrees', [0.5, 3.0, 20.0])
-def test_the_motion_at_the_capture_is_within_its_covariance(degrees: float) -> None:
+def test_the_motion_at_the_capture_is_within_its_covariance(degrees: float, unchanged: Unchanged) -> None:
     _, exact = flown(degrees)
     flight = free_flight(noisy(exact, 3), PoseNoise(0.0, 0.0))
+    unchanged.values(flight=numbers(flight))
     assert flight.noise.position == pytest.approx(5e-3, rel=0.1)
     assert flight.noise.orientation == pytest.approx(5e-3, rel=0.1)
     assert flight.noise.correlation_times == (0.0, 0.0)
@@ -128,12 +140,13 @@ def test_the_motion_at_the_capture_is_within_its_covariance(degrees: float) -> N
     assert np.all(np.abs(flight.lever - (PLACE - BODY[1:4])) < 4.0 * lever)
 
 
-def test_a_pose_that_jumps_is_left_out() -> None:
+def test_a_pose_that_jumps_is_left_out(unchanged: Unchanged) -> None:
     _, exact = flown(3.0, seconds=30.0)
     track = noisy(exact, 5)
     track.position[40] += 0.5
     track.rotation[70] = exp(np.array([0.3, 0.0, 0.0])) @ track.rotation[70]
     flight = free_flight(track, PoseNoise(5e-3, 5e-3))
+    unchanged.values(flight=numbers(flight))
     assert flight.dropped == 2
     assert flight.misfit == pytest.approx(1.0, abs=0.2)
 
@@ -149,7 +162,7 @@ def test_the_typical_misfit_is_that_of_the_worse_of_positions_and_orientations(
     assert _typical_misfit(flight, noisy(exact, 6), declared) == pytest.approx(misfit, rel=0.15)
 
 
-def test_errors_that_last_widen_the_covariance() -> None:
+def test_errors_that_last_widen_the_covariance(unchanged: Unchanged) -> None:
     _, exact = flown(3.0, seconds=30.0)
     rng, count = np.random.default_rng(8), len(exact.time)
     error = rng.standard_normal((2, count, 3))
@@ -157,6 +170,7 @@ def test_errors_that_last_widen_the_covariance() -> None:
         error[:, place] = 0.8 * error[:, place - 1] + 0.6 * error[:, place]
     track = Track(exact.time, exact.position + 5e-3 * error[0], exp(5e-3 * error[1]) @ exact.rotation)
     white, shared = free_flight(track, PoseNoise(5e-3, 5e-3, (1e-9, 1e-9))), free_flight(track, PoseNoise(0.0, 0.0))
+    unchanged.values(white=numbers(white), shared=numbers(shared))
     assert shared.noise.correlation_times[0] == pytest.approx(-0.2 / np.log(0.8), rel=0.5)
 
     def size(flight: FreeFlight) -> Array:
@@ -235,3 +249,58 @@ def test_the_fall_is_that_of_an_exponential() -> None:
     for index, each in enumerate(time):
         expected = expm(each * matrix)[:3]
         assert np.hstack((by_place[index], by_speed[index])) == pytest.approx(expected, rel=2e-6, abs=1e-6)
+
+
+def test_noise_is_found_by_differences_of_neighbouring_poses() -> None:
+    """Of a smooth motion nothing is left."""
+    _, exact = flown(3.0, seconds=600.0)
+    rng, count = np.random.default_rng(4), len(exact.time)
+    away, turn = 0.01 * rng.standard_normal((count, 3)), 0.002 * rng.standard_normal((count, 3))
+    found = Track(exact.time, exact.position + away, exp(turn) @ exact.rotation).local_noise
+    assert np.array(found) == pytest.approx([0.01, 0.002], rel=0.05)
+
+
+@pytest.mark.parametrize('time', [0.0, 2.0])
+def test_residuals_are_whitened_by_their_noise_and_their_correlation(time: float) -> None:
+    """Those of a stationary series come out white, at uneven times too."""
+    rng, count = np.random.default_rng(5), 4000
+    stamps = np.cumsum(rng.uniform(0.1, 1.0, count))
+    shared = np.exp(-np.diff(stamps) / time) if time else np.zeros(count - 1)
+    values = rng.standard_normal((2, count, 3))
+    for place, kept in enumerate(shared.tolist(), 1):
+        values[:, place] = kept * values[:, place - 1] + np.sqrt(1.0 - kept**2) * values[:, place]
+    values *= np.array([0.01, 0.3])[:, None, None]
+    track = Track(stamps, values[0], np.tile(np.eye(3), (count, 1, 1)))
+    white = _whitened(values, track, PoseNoise(0.01, 0.3, (time, time)))
+    assert np.std(white, axis=(1, 2)) == pytest.approx(np.ones(2), rel=0.03)
+    assert np.mean(white[:, 1:] * white[:, :-1], axis=(1, 2)) == pytest.approx(np.zeros(2), abs=0.03)
+    assert white[:, 0] == pytest.approx(values[:, 0] / np.array([[0.01], [0.3]]))
+
+
+def test_the_first_guess_is_a_sphere_that_turns_as_the_last_poses_do() -> None:
+    _, track = flown(20.0, seconds=20.0)
+    guess = _first_guess(track, PoseNoise(1e-3, 1e-3))
+    turning = guess.rotation @ exp(track.time[-10:, None] * guess.spin)
+    assert np.abs(log(np.swapaxes(turning, 1, 2) @ track.rotation[-10:])).max() < 0.1
+    # Of the last poses within one radian: the tracked frame's origin goes round the centre of mass.
+    recent = track.time > track.time[-1] - 1.0 / np.deg2rad(20.0)
+    line = np.polyfit(track.time[recent], track.position[recent], 1)
+    assert guess.velocity == pytest.approx(line[0], abs=2e-3)
+    assert guess.centre == pytest.approx(line[1], abs=5e-3)
+
+
+def test_a_step_is_that_of_damped_least_squares_and_takes_no_shape_far() -> None:
+    _, track = flown(20.0, seconds=20.0)
+    flight = _first_guess(track, PoseNoise(1e-3, 1e-3))
+    rows = generic(3, 60, 21)
+    prior = np.diag(np.repeat([0.0, 0.1, 1.0], [12, 3, 5]) ** 2)
+    information = rows[:, :-1].T @ rows[:, :-1] + prior
+    for damping in (0.0, 2.0):
+        step, root = _step(flight, rows, damping)
+        damped = information + damping * np.diag(np.diag(information))
+        expected = np.linalg.solve(damped, rows[:, :-1].T @ rows[:, -1] - prior @ _held(flight))
+        assert step == pytest.approx(expected)
+        assert root.T @ root == pytest.approx(information)
+    rows[:, -1] *= 1e3
+    far, _ = _step(flight, rows, 0.0)
+    assert np.max(np.abs(far[15:])) == pytest.approx(0.7)

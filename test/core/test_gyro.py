@@ -12,8 +12,18 @@ import pytest
 from checked import generic, some
 from mbaid_ros.core.contracts import Motion
 from mbaid_ros.core.geometry import Array, cross, exp, log, rotate
-from mbaid_ros.core.gyro import DRIFT, SATURATED, RateIntegrator, drifting_gyro, gyro_check, gyro_sensor
+from mbaid_ros.core.gyro import (
+    DRIFT,
+    SATURATED,
+    DeadReckoning,
+    RateIntegrator,
+    _preintegrated,
+    drifting_gyro,
+    gyro_check,
+    gyro_sensor,
+)
 from mbaid_ros.core.joints.stream import JointMerge
+from mbaid_ros.core.odometry.model import parabolic_weights
 from mbaid_ros.core.odometry.stream import AttachedFrame
 from mbaid_ros.core.robot.model import Kinematics
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples, Stamps
@@ -281,3 +291,72 @@ def test_an_arm_whose_velocities_are_in_degrees_turns_nowhere() -> None:
     time = np.arange(0.0, 60.0, 0.1)
     angle = 2.0 * np.sin(0.5 * time)
     assert np.ptp(merged(angle, np.rad2deg(np.cos(0.5 * time)), 1, time) - angle) < 1e-9
+
+
+def test_samples_wait_for_a_gyro_that_is_silent_for_less_than_a_second() -> None:
+    gyro = RateIntegrator(GAP)
+    assert gyro.complete_until(5_000_000_000) == 4_000_000_000
+    gyro.push(stream(np.array([3000.0, 3500.0]), np.zeros((2, 3))))
+    assert gyro.complete_until(4_200_000_000) == 3_500_000_000
+    assert gyro.complete_until(4_600_000_000) == 3_600_000_000
+
+
+def test_readings_are_forgotten_up_to_the_last_that_is_needed() -> None:
+    times = 5.0 * np.arange(20)
+    for until, left in ((-1, 20), (0, 20), (50, 10), (52, 10), (54, 10), (55, 9), (1000, 1)):
+        gyro = RateIntegrator(GAP)
+        gyro.push(stream(times, even(times)))
+        whole = gyro.integral_at(at(times))[0]
+        gyro.forget_before(until * MILLISECOND)
+        found = gyro.integral_at(at(times))[0]
+        known = np.isfinite(found).all(axis=1)
+        assert known.sum() == left
+        assert found[known] == pytest.approx(whole[known])
+
+
+def test_a_gap_is_longer_than_declared_and_lost_readings_make_one() -> None:
+    for apart, known in ((100.0, True), (101.0, False)):
+        gyro = RateIntegrator(GAP, largest=2.0)
+        gyro.push(stream(np.array([0.0, 10.0, 10.0 + apart, 20.0 + apart]), np.ones((4, 3))))
+        assert bool(np.isfinite(gyro.integral_at(at(np.array([12.0])))[0]).all()) is known
+    for places, parts, all_parts in (([0], [-1, 0, 0, 0], 1), ([1], [0, -1, 1, 1], 2), ([3], [0, 0, 0, -1], 2)):
+        gyro, rate = RateIntegrator(GAP, largest=2.0), np.ones((4, 3))
+        rate[places, 1] = -2.0
+        gyro.push(stream(10.0 * np.arange(4), rate))
+        gyro.push(stream(np.array([40.0, 50.0]), np.ones((2, 3))))
+        found, segments = gyro.integral_at(at(10.0 * np.arange(4)))
+        lost = np.array(parts) < 0
+        assert np.isnan(found).all(axis=1).tolist() == lost.tolist()
+        assert len(set(segments[~lost].tolist())) == len({*parts} - {-1})
+        after = gyro.integral_at(at(np.array([50.0])))[1]
+        assert len({*segments[~lost].tolist(), *after.tolist()}) == all_parts
+
+
+def test_an_orientation_by_integration_stays_one_and_turns_as_far_as_its_rate() -> None:
+    """A rate that changes evenly and turns: to fourth order, however many steps there are."""
+
+    def ends(count: int) -> Array:
+        time = np.linspace(0.0, 20.0, count)
+        rate = np.array([0.3, -0.2, 0.1]) + time[:, None] * np.array([-0.02, 0.05, 0.03])
+        stamps = np.round(1e9 * time).astype(np.int64)
+        return some(DeadReckoning().push(ImuStream(stamps, rate))).rotation[-1]
+
+    coarse, fine, finest = (ends(count) for count in (201, 401, 1601))
+    assert finest @ finest.T == pytest.approx(np.eye(3), abs=1e-14)
+    first, second = (np.linalg.norm(log(each.T @ finest)) for each in (coarse, fine))
+    assert first < 1e-5
+    assert second == pytest.approx(first / 16.0, rel=0.3)
+
+
+@pytest.mark.parametrize('count', [5, 10, 25])
+def test_white_noise_of_a_gyro_is_as_large_in_a_window_as_its_weights_make_it(count: int) -> None:
+    """Rates of knots are differences of means over a knot, sharpened by those beside; drawn at a hundred a knot."""
+    spacing, fine = 0.05, 100
+    rng = np.random.default_rng(count)
+    steps = rng.normal(size=(600, (count + 6) * fine)) * np.sqrt(spacing / fine)  # of unit density
+    means = np.cumsum(steps, axis=1).reshape(600, count + 6, fine).mean(axis=2)
+    rates = np.diff(means, axis=1) / spacing  # between knots
+    sharp = rates[:, 1:-1] - np.diff(rates, 2, axis=1) / 24.0
+    offset = (sharp.shape[1] - count) // 2
+    window = sharp[:, offset : offset + count] @ parabolic_weights(count)
+    assert np.var(window) == pytest.approx(_preintegrated(count, spacing), rel=0.2)

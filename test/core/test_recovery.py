@@ -143,8 +143,7 @@ def test_of_bodies_that_are_off_as_a_whole_the_target_is_found_within_what_is_re
     robot = kernel('ets7')
     errors = replace(ModelErrors.zero(robot.model.joints), bodies=share * robot.known)
     truth = configured_motion('ets7', 30.0, 20.0, errors)
-    last = identify(robot, truth, MID, 1, method='trajectory', known_links__relative_std=0.01)[-1]
-    unchanged(last)
+    last = unchanged.course(identify(robot, truth, MID, 1, method='trajectory', known_links__relative_std=0.01))
     away = (last.parameters - true_body(robot)) / last.std
     assert last.identifiable.all()
     assert last.parameters[0] / true_body(robot)[0] - 1.0 == pytest.approx(-share, abs=0.005)

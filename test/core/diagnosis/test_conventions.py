@@ -15,7 +15,7 @@ from mbaid_ros.core.contracts import Convention
 from mbaid_ros.core.diagnosis.passes import fitted
 from mbaid_ros.core.geometry import Array, cross, exp, rotate, rotate_back, rotation_from_quaternion, vec
 from mbaid_ros.core.links import _density
-from mbaid_ros.core.odometry.faults import axis_conventions, twist_check
+from mbaid_ros.core.odometry.faults import RateMotion, axis_conventions, twist_check
 from mbaid_ros.core.odometry.stream import AttachedFrame
 from mbaid_ros.core.repair import Conversion
 from mbaid_ros.core.robot.body import standard
@@ -28,6 +28,7 @@ from mbaid_ros.session.catalogue import conventions
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, configured_motion, kernel, observe, windows
 from simulated import CONFIG
+from unchanged import Unchanged
 from windowed import half_second_windows
 
 
@@ -86,22 +87,28 @@ def pasted(text: str) -> list[Array]:
     return [np.array(numbers.split(', '), dtype=float) for numbers in re.findall(r'\[(.*?)\]', text)]
 
 
-def test_a_marker_declared_the_wrong_way_round_is_named_with_its_parameters() -> None:
+def test_a_marker_declared_the_wrong_way_round_is_named_with_its_parameters(unchanged: Unchanged) -> None:
     samples, position, turn = measured(), np.array([0.3, -0.2, 0.1]), exp(np.array([0.1, 0.5, -0.2]))
     declared = AttachedFrame(turn.T, -turn.T @ position)
     rotation = samples.base_rotation @ turn @ turn
     place = samples.base_position + samples.base_rotation @ position - rotation @ declared.position
-    text = likeliest(kernel('servicer7'), replace(samples, base_rotation=rotation, base_position=place), declared)
+    text = likeliest(
+        kernel('servicer7'), replace(samples, base_rotation=rotation, base_position=place), declared, unchanged
+    )
     assert text.startswith('marker.position and marker.orientation look inverted')
     found = pasted(text)
     assert found[0] == pytest.approx(position, abs=1e-4)
     assert rotation_from_quaternion(found[1]) == pytest.approx(turn, abs=1e-4)
 
 
-def likeliest(robot: MomentumKernel, samples: Samples, marker: AttachedFrame | None = None) -> str:
+def likeliest(
+    robot: MomentumKernel, samples: Samples, marker: AttachedFrame | None = None, unchanged: Unchanged | None = None
+) -> str:
     *factories, _ = conventions(marker)  # all but other axes
     windows, others = half_second_windows(samples), (each for mistaken in factories for each in mistaken(robot))
     fits = [fitted(windows, each, 4) for each in (Convention('', robot), *others) if each.possible(windows)]
+    if unchanged is not None:
+        unchanged.values(fits=[(fit.convention.text, fit.misfit, fit.exists) for fit in fits])
     return min((fit for fit in fits if fit.exists), key=lambda fit: fit.misfit).convention.text
 
 
@@ -114,10 +121,12 @@ def test_a_joint_with_the_wrong_sign_fits_best(joint: int) -> None:
     )
 
 
-def test_joints_that_are_stamped_far_off_fit_best() -> None:
+def test_joints_that_are_stamped_far_off_fit_best(unchanged: Unchanged) -> None:
     samples = measured()
     off = replace(samples, joint_position=samples.joint_position[np.maximum(np.arange(len(samples)) - 20, 0)])
-    assert likeliest(kernel('servicer7'), off).startswith('the joints are stamped some 200 ms late')
+    assert likeliest(kernel('servicer7'), off, unchanged=unchanged).startswith(
+        'the joints are stamped some 200 ms late'
+    )
 
 
 @pytest.mark.parametrize('declared', ['link6', 'base_link'])
@@ -163,7 +172,7 @@ def read(samples: Samples, reading: Callable[[Array, Array, Array], tuple[Array,
     return replace(samples, base_linear_velocity=linear, base_angular_velocity=angular)
 
 
-def findings(samples: Samples, declared: float = 1.0) -> list[str]:
+def findings(samples: Samples, declared: float = 1.0, unchanged: Unchanged | None = None) -> list[str]:
     """Return the finding of the check after each window; the noise of the base is so many times the declared one."""
     check = twist_check()
     found = []
@@ -171,11 +180,13 @@ def findings(samples: Samples, declared: float = 1.0) -> list[str]:
         pose, twist = (each / declared**2 for each in (window.pose_covariance, window.twist_covariance))
         reason = check.update(replace(window, pose_covariance=pose, twist_covariance=twist))
         found.append(reason.text if reason else '')
+    if unchanged is not None:
+        unchanged.values(motion=RateMotion.concatenate(check._seen), misfits=check._misfits, reason=reason)
     return found
 
 
-def last_finding(samples: Samples) -> str:
-    return findings(samples)[-1]
+def last_finding(samples: Samples, unchanged: Unchanged | None = None) -> str:
+    return findings(samples, unchanged=unchanged)[-1]
 
 
 @pytest.mark.parametrize('robot', ['servicer7', 'table1'])
@@ -205,29 +216,29 @@ def test_a_resting_base_decides_nothing(seed: int) -> None:
 
 @pytest.mark.parametrize('name', READINGS)
 @pytest.mark.parametrize('seed', range(3))
-def test_a_twist_that_is_read_otherwise_is_found(name: str, seed: int) -> None:
-    assert name in last_finding(read(seen(seed=seed), READINGS[name]))
+def test_a_twist_that_is_read_otherwise_is_found(name: str, seed: int, unchanged: Unchanged) -> None:
+    assert name in last_finding(read(seen(seed=seed), READINGS[name]), None if seed else unchanged)
 
 
 @pytest.mark.parametrize('seed', range(3))
-def test_a_twist_of_another_point_is_found_with_the_point(seed: int) -> None:
+def test_a_twist_of_another_point_is_found_with_the_point(seed: int, unchanged: Unchanged) -> None:
     def reading(rotation: Array, linear: Array, angular: Array) -> tuple[Array, Array]:
         return linear + cross(angular, rotation @ np.array([0.3, -0.2, 0.1])), angular
 
-    found = last_finding(read(seen(seed=seed), reading))
+    found = last_finding(read(seen(seed=seed), reading), unchanged)
     assert 'that of a point' in found
     place = [float(each) for each in found.partition('(')[2].partition(')')[0].split(',')]
     np.testing.assert_allclose(place, [300.0, -200.0, 100.0], atol=20.0)
 
 
 @pytest.mark.parametrize('degrees', [20.0, 90.0, 170.0])
-def test_a_twist_in_turned_axes_is_found_with_the_turn(degrees: float) -> None:
+def test_a_twist_in_turned_axes_is_found_with_the_turn(degrees: float, unchanged: Unchanged) -> None:
     def reading(rotation: Array, linear: Array, angular: Array) -> tuple[Array, Array]:
         linear, angular = (rotate(rotation, rotate_back(rotation, each) @ turn) for each in (linear, angular))
         return linear, angular
 
     turn = exp(np.deg2rad(degrees) * np.array([0.0, 1.0, 0.0]))
-    found = last_finding(read(seen(), reading))
+    found = last_finding(read(seen(), reading), unchanged)
     assert f'turned by {degrees:.0f} degrees about (' in found
     axis = [float(each) for each in found.partition('(')[2].partition(')')[0].split(',')]
     np.testing.assert_allclose(axis, [0.0, 1.0, 0.0], atol=0.05)
@@ -306,3 +317,20 @@ def test_the_density_is_that_of_a_solid_ellipsoid() -> None:
     assert _density(standard(np.array([mass, 1.0, -2.0, 0.5, *vec(inertia)]))) == pytest.approx(density)
     flat = 0.2 * mass * np.diag([0.09, 0.25, 0.0])
     assert _density(standard(np.array([mass, 0.0, 0.0, 0.0, *vec(np.trace(flat) * np.eye(3) - flat)]))) == np.inf
+
+
+def test_all_that_may_be_meant_otherwise_changes_windows_as_it_did(unchanged: Unchanged) -> None:
+    """A weighed sum of the knots of one window under each convention, and what a run is told to do."""
+    marker = AttachedFrame(exp(np.array([0.1, 0.5, -0.2])), np.array([0.3, -0.2, 0.1]))
+    windows, found = half_second_windows(measured())[:3], []
+    weights = np.sin(np.arange(1.0, 1000.0))
+    for each in (one for factory in conventions(marker) for one in factory(kernel('servicer7'))):
+        knots = [
+            (window.knots.joint_position, window.knots.base_position, window.knots.base_rotation)
+            for window in each.windows(windows)
+        ]
+        sums = [float(weights[: part.size] @ part.ravel()) for window in knots[:1] for part in window]
+        known = float(weights[: each.kernel.known.size] @ each.kernel.known.ravel())
+        limits = (each.base_range, each.joint_range, each.misfit_left, each.delay, each.least_mass)
+        found.append((each.text, sums, known, limits, each.repair, len(knots), each.possible(windows)))
+    unchanged.values(found=found)

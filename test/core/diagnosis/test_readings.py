@@ -23,6 +23,7 @@ from mbaid_ros.core.diagnosis.readings import (
 from mbaid_ros.core.geometry import Array, exp, mirror, rotation_from_quaternion
 from mbaid_ros.core.windows import Window
 from observed import MID, configured_motion, kernel, observe
+from unchanged import Unchanged
 from windowed import half_second_windows
 
 JOINTS = [f'joint{number}' for number in range(1, 8)]
@@ -97,10 +98,13 @@ def wrong(**changes: Any) -> Callable[[], list[Window]]:
         ),
     ],
 )  # fmt: skip
-def test_several_wrong_joints_are_named_together_and_undone(read: Callable[[], list[Window]], said: str) -> None:
+def test_several_wrong_joints_are_named_together_and_undone(
+    read: Callable[[], list[Window]], said: str, unchanged: Unchanged
+) -> None:
     wrong_windows = read()
     (found,) = finished(mapped_joints(kernel('servicer7'), wrong_windows))
     assert said in found.text
+    unchanged.values(meant=(found.text, found.misfit_left, found.repair))
     for undone, true in zip(found.windows(wrong_windows), windows(), strict=True):
         away = undone.knots.joint_position - true.knots.joint_position
         # Nothing shows the zero of the joint that carries the target.
@@ -113,11 +117,12 @@ def test_joints_as_they_are_meant_are_not_mapped() -> None:
 
 
 @pytest.mark.parametrize('clock', [0.92, 1.06])
-def test_joints_by_a_clock_of_another_rate_are_named_and_undone(clock: float) -> None:
+def test_joints_by_a_clock_of_another_rate_are_named_and_undone(clock: float, unchanged: Unchanged) -> None:
     read = restamped(windows(), rate=1.0 / clock)
     (found,) = finished(joints_by_another_clock(kernel('servicer7'), read))
     assert f'the stamps of the joint states run {clock:g}' in found.text
     assert found.repair is not None
+    unchanged.values(meant=(found.text, found.misfit_left, found.repair))
     assert found.repair.conversion is not None
     assert found.repair.conversion.clock == pytest.approx(clock, abs=2e-3)
     true = {each.start: each for each in windows()}
@@ -153,11 +158,12 @@ def mirrored(rotation: Array, position: Array) -> tuple[Array, Array]:
     ('change', 'said'), [(mounted, 'the frame'), (turned_round, 'turned round'), (mirrored, 'left-handed')]
 )
 def test_the_poses_of_another_frame_on_the_base_are_placed(
-    change: Callable[[Array, Array], tuple[Array, Array]], said: str
+    change: Callable[[Array, Array], tuple[Array, Array]], said: str, unchanged: Unchanged
 ) -> None:
     read = poses_read(change)
     (found,) = finished(placed_bases(kernel('servicer7'), read, None))
     assert said in found.text
+    unchanged.values(meant=(found.text, found.misfit_left, found.repair))
     assert 'turned by 75 degrees about' in found.text
     for undone, true in zip(found.windows(read), windows(), strict=True):
         change_of_pose = np.swapaxes(undone.knots.base_rotation[:-1], -1, -2) @ undone.knots.base_rotation[1:]
@@ -172,10 +178,11 @@ def test_the_poses_of_another_frame_on_the_base_are_placed(
     ('times', 'said'),
     [(1e3, 'in millimetres'), (100.0, 'in centimetres'), (1.0 / 0.0254, 'in inches'), (1.0 / 3.0, 'too small')],
 )
-def test_a_length_scale_is_named_by_its_unit_or_size(times: float, said: str) -> None:
+def test_a_length_scale_is_named_by_its_unit_or_size(times: float, said: str, unchanged: Unchanged) -> None:
     read = poses_read(lambda rotation, position: (rotation, times * position))
     (found,) = finished(scaled_positions(kernel('servicer7'), read))
     assert said in found.text
+    unchanged.values(meant=(found.text, found.misfit_left, found.repair))
     assert found.repair is not None
     assert found.repair.conversion is not None
     assert found.repair.conversion.scale * times == pytest.approx(1.0, rel=0.2)

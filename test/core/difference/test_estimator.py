@@ -84,8 +84,7 @@ def test_random_trees_with_all_types_of_joints(seed: int, unchanged: Unchanged) 
     motion = random_sinusoids(np.zeros(model.joints), seed, 2, 0.8, 4.0, 12.0)
     start = state(motion.start, motion.reference(0.0)[1], (0.02, -0.05, 0.03), 0.1)
     truth = Simulation(model, motion, start).advance(np.arange(200) * 0.05)
-    last = identify(unknown, truth, LOW)[-1]
-    unchanged(last)
+    last = unchanged.course(identify(unknown, truth, LOW))
     assert last.identifiable.all()
     assert (np.abs(last.parameters - true_body(unknown)) < 1e-6 * last.std).all()
 
@@ -216,8 +215,7 @@ def test_a_slip_of_the_grasp(robot: MomentumKernel, free: Truth, turned: float) 
 @pytest.mark.parametrize('axes', ['inertial', 'body'])
 def test_a_constant_force(robot: MomentumKernel, pushed: dict[str, Truth], axes: str, unchanged: Unchanged) -> None:
     for seed in range(2):
-        last = identify(robot, pushed[axes], MID, seed)[-1]
-        unchanged(last)
+        last = unchanged.course(identify(robot, pushed[axes], MID, seed))
         assert last.status == 'inconsistent'
         assert any('a force that lasts' in warning for warning in last.warnings)
 

@@ -43,8 +43,7 @@ def test_a_pulse(robot: MomentumKernel, joints: Sinusoids, momentum: Array, know
     """Also where the linear momentum was known at first: the pulse is as large as any."""
     truth = float_freely(robot, joints, momentum, SECONDS, pulse=(PULSED, PULSE))
     following = make(robot, MID, adapt=True, declared=replace(DEFAULT, linear_momentum=known))
-    last = following.update(windows(observe(truth, MID, 4)), 0)[-1]
-    unchanged(last)
+    last = unchanged.course(following.update(windows(observe(truth, MID, 4)), 0))
     (event,) = last.events
     assert event.kind == 'step'
     assert PULSED - 0.5 <= event.time <= PULSED + 0.5
@@ -72,8 +71,7 @@ def test_a_constant_force(
     wrench = FORCE_TORQUE * (4.0 if axes == 'inertial on the base' else 1.0)  # weak ones act as at the centre of mass
     truth = float_freely(robot, joints, start, SECONDS, push=pushing(wrench, axes))
     following = make(robot, MID, adapt=True)
-    last = following.update(windows(observe(truth, MID, 5)), 0)[-1]
-    unchanged(last)
+    last = unchanged.course(following.update(windows(observe(truth, MID, 5)), 0))
     assert any(f'constant force or torque acts, {NAMED[axes]}' in each for each in last.warnings)
     assert normalised(last, robot) < LIMIT
     assert [event.kind for event in last.events] == ['ramp']
@@ -166,8 +164,7 @@ def test_nothing_disturbs_an_undisturbed_run(robot: MomentumKernel, servicer: Tr
 def test_joints_that_are_late(robot: MomentumKernel, servicer: Truth, unchanged: Unchanged) -> None:
     curve = CubicSpline(servicer.time, servicer.joint_position)
     late = replace(servicer, joint_position=curve(servicer.time - LATE))
-    last = follow(robot, observe(late, MID, 7), MID)[-1]
-    unchanged(last)
+    last = unchanged.course(follow(robot, observe(late, MID, 7), MID))
     assert abs(last.time_offset - LATE) < 3.0 * last.time_offset_std
     assert last.time_offset_std < 2e-4
     assert normalised(last, robot) < LIMIT
@@ -200,8 +197,7 @@ SEARCHED = pytest.mark.parametrize('searched', [False, pytest.param(True, marks=
 
 @SEARCHED
 def test_a_second_body_in_the_grasp_is_reported_and_identified(searched: bool, unchanged: Unchanged) -> None:
-    last = history(searched)[-1]
-    unchanged(last)
+    last = unchanged.course(history(searched))
     (event,) = last.events
     assert event.kind == 'target_changed'
     assert event.time == pytest.approx(CAUGHT, abs=0.5)

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from checked import generic, some
+from checked import assert_derivative, central_difference, generic, some
 from mbaid_ros.core.clocks import clock_drift, time_offset
 from mbaid_ros.core.contracts import Motion, Unknown, deviation_text
 from mbaid_ros.core.filter.linearise import WindowModel
 from mbaid_ros.core.geometry import Array, crossed, exp, rotate, rotate_back
-from mbaid_ros.core.gyro import IMU, GyroErrors, gyro, gyro_sensor
+from mbaid_ros.core.gyro import IMU, GyroErrors, angular_momentum, gyro, gyro_sensor
 from mbaid_ros.core.joints.model import joint_lags, joint_placements
 from mbaid_ros.core.odometry.model import (
     integral_weights,
@@ -24,10 +24,11 @@ from mbaid_ros.core.odometry.model import (
     odometry_scale,
     poses_beside_others,
     twist_bias,
+    vibration,
 )
 from mbaid_ros.core.odometry.stream import _blended
 from mbaid_ros.core.poses import PoseCollector, PoseSensor
-from mbaid_ros.core.robot.model import Kinematics
+from mbaid_ros.core.robot.model import Kinematics, express
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, Samples
 from mbaid_ros.core.state import BODY, Layout
@@ -351,3 +352,59 @@ def test_poses_that_are_late_or_drift_are_those_of_earlier_and_displaced() -> No
     texts = deviation_text('poses late', np.array([0.05])), deviation_text('poses drift', np.array([0.0, 1e-3, 0.0]))
     assert texts[0].startswith('the odometry is stamped +50 ms late')
     assert 'drifts by 60 mm a minute' in texts[1]
+
+
+def test_a_vibration_of_the_twist_is_the_rate_of_that_of_the_pose() -> None:
+    unknown = vibration(0.7)
+    for time in (0.3, 47.0):
+        at = SimpleNamespace(time=np.array([time]))
+        rate = some(unknown.measured('twist', cast('Motion', at)))[0]
+
+        def pose(later: Array, time: float = time) -> Array:
+            there = SimpleNamespace(time=time + later)
+            return some(unknown.measured('pose', cast('Motion', there)))[0]
+
+        assert rate == pytest.approx(central_difference(pose, np.zeros(1), 1e-4)[..., 0], abs=1e-4)
+    still = some(unknown.measured('pose', cast('Motion', SimpleNamespace(time=np.array([60.0])))))[0]
+    assert still[:, 12:] == pytest.approx(still[:, :12])  # grown by as much again in a minute
+
+
+@pytest.mark.parametrize(
+    ('make', 'measured_twist'),
+    [(lambda: odometry_scale(1.0), 'scaled'), (lambda: twist_bias(1.0, 1.0), 'biased')],
+)
+def test_the_momentum_follows_from_a_twist_as_it_is_read(
+    servicer7: MomentumKernel, make: Callable[[], Unknown], measured_twist: str
+) -> None:
+    joints = servicer7.model.joints
+    (turn,), twist = exp(generic(1, 1, 3)), generic(2, 6)  # linear first
+    rest = turn[None], generic(3, 1, joints), generic(4, 1, joints)
+
+    def momentum(value: Array) -> Array:
+        """Return the known bodies' momentum by what is read where the twist is off by a value."""
+        axes = np.zeros((6, 6))
+        axes[:3, 3:] = axes[3:, :3] = turn  # angular numbers first
+        off = value[0] * np.append(twist[:3], np.zeros(3)) if measured_twist == 'scaled' else axes @ value
+        return servicer7.states_of(*rest, (twist - off)[None]).known_momentum[0]
+
+    unknown = make()
+    found = unknown.equation_columns(servicer7, servicer7.states_of(*rest, twist[None]))[0]
+    assert_derivative(found, momentum, np.zeros(unknown.count))
+
+
+def test_a_gyro_alone_shows_the_angular_momentum(servicer7: MomentumKernel, exact: Samples, start: Array) -> None:
+    """About the centre of mass; where poses locate the base, nothing is asked of it."""
+    window = window_of(measured(servicer7, exact, np.zeros(13)), SPACING)
+    alone = replace(window, noise=replace(window.noise, pose=np.full((6, 6), np.nan)))
+    target = servicer7.target.parameters
+    found = angular_momentum(servicer7, target, [alone, alone])
+    middle = int(np.searchsorted(exact.time, 0.5 * (FIRST + LAST)))
+    sample = exact[middle : middle + 1]
+    placed = servicer7.kinematics.configure(sample.base_rotation, sample.joint_position)
+    bodies = express(servicer7.body_parameters(target), placed.rotation, placed.position)[0].sum(axis=0)
+    centre = sample.base_position[0] + bodies[1:4] / bodies[0]
+    assert found == pytest.approx(start[3:] - np.cross(centre, start[:3]), rel=1e-2, abs=0.05)
+    assert not angular_momentum(servicer7, target, [window]).any()
+    lost = replace(alone, knots=replace(alone.knots, further=np.full_like(alone.knots.further, np.nan)))
+    assert not angular_momentum(servicer7, target, [lost]).any()
+    assert angular_momentum(servicer7, target, [lost, alone]) == pytest.approx(found)

@@ -1,0 +1,268 @@
+"""The rules by which a run searches, freezes and carries its linearisation: tables of evidence and verdict."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from checked import generic, some
+from mbaid_ros.core.filter.gauss_newton import HOPELESS, MultiStart, is_converged, momentum_drift, reverses
+from mbaid_ros.core.filter.run import LinearisationPoint, Phase, Run
+from mbaid_ros.core.forces import DisturbanceModel, disturbances
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.results.verdict import LARGEST_NIS
+from mbaid_ros.core.robot.model import PlaneDetector
+from mbaid_ros.core.state import (
+    BODY,
+    MOMENTUM,
+    Declared,
+    Layout,
+    MomentumDrift,
+    Variables,
+    layout_of,
+    trust_region,
+    variables,
+)
+from observed import kernel
+
+
+def bare(**known: Any) -> Any:
+    """Return a run of which some things alone are known."""
+    run = Run.__new__(Run)
+    settings = {'is_informed': False, 'pushed': False}
+    run._variables = SimpleNamespace(**{name: known.pop(name, value) for name, value in settings.items()})  # type: ignore[assignment]
+    for name, value in ({'grasp_known': False} | known).items():
+        setattr(run, f'_{name}' if name != 'phase' else name, value)
+    return run
+
+
+@pytest.mark.parametrize(
+    ('known', 'misfit', 'windows', 'following'),
+    [
+        ({'grasp_known': True, 'is_informed': True}, 1.0, 11, 12),
+        ({'grasp_known': True, 'is_informed': True}, 1.0, 12, 15),
+        ({'is_informed': True}, 1.0, 10, 13),
+        ({}, 1.0, 10, 12),  # not accepted: soon again
+        ({}, 1.0, 40, 44),
+        ({}, 1.01 * HOPELESS, 10, 15),  # for nothing
+        ({'accepted': True}, 1.0, 10, 15),
+        ({'accepted': True}, 1.0, 41, 62),
+        ({'accepted': True, 'pushed': True}, 1.0, 41, 46),
+        ({'pushed': True}, 1.0, 40, 44),
+    ],
+)
+def test_when_a_run_is_searched_again(known: dict[str, Any], misfit: float, windows: int, following: int) -> None:
+    run = bare(**{'accepted': False, **known})
+    assert run._next_search(windows, SimpleNamespace(nis=misfit * 100, measured=100)) == following
+
+
+def best(*times: float, nis: float = 100.0) -> Any:
+    jumps = tuple(SimpleNamespace(time=time, gaussian=f'before {time:g}') for time in times)
+    return SimpleNamespace(jumps=jumps, gaussian=SimpleNamespace(nis=nis, measured=100))
+
+
+@pytest.mark.parametrize(
+    ('phase', 'linearised', 'newest', 'open_jumps'),
+    [
+        (Phase.TRACKING, 0.0, 10.0, (6.1, 9.0)),  # eight windows of half a second
+        (Phase.TRACKING, 0.0, 10.2, (9.0,)),
+        (Phase.INITIALISING, 5.0, 10.0, (6.0, 6.1, 9.0)),  # not yet relinearised
+        (Phase.INITIALISING, 9.5, 10.0, (6.1, 9.0)),
+    ],
+)
+def test_a_jump_is_confirmed_by_the_windows_after_it(
+    phase: Phase, linearised: float, newest: float, open_jumps: tuple[float, ...]
+) -> None:
+    window = SimpleNamespace(start=newest, length=0.5)
+    run = bare(phase=phase, linearised_until=linearised, newest=window, latest=best(2.0, 6.0, 6.1, 9.0))
+    assert run.unconfirmed_jumps == open_jumps
+    nothing = bare(phase=phase, linearised_until=linearised, newest=None, latest=best(2.0))
+    assert nothing.unconfirmed_jumps == (2.0,)
+
+
+def test_the_information_before_a_jump_is_found_by_its_time() -> None:
+    run = bare(bank=(best(2.0, 6.0), best(4.0)))
+    assert run.gaussian_before(6.3, 0.3) == 'before 6'
+    assert run.gaussian_before(5.7, 0.3) == 'before 6'
+    assert run.gaussian_before(6.3, 0.2) is None
+    assert run.gaussian_before(4.0, 0.3) is None  # of the first hypothesis alone
+    assert run.jump_times == (2.0, 6.0)
+    assert bare(bank=()).gaussian_before(6.0, 1.0) is None
+    assert bare(bank=()).jump_times == ()
+
+
+def test_a_run_is_inconsistent_by_its_innovations_or_a_jump() -> None:
+    assert not bare(latest=best(nis=99.0 * LARGEST_NIS)).inconsistent
+    assert bare(latest=best(nis=101.0 * LARGEST_NIS)).inconsistent
+    assert bare(latest=best(3.0)).inconsistent
+    assert bare(latest=None).inconsistent
+    for phase, known, relinearises in (
+        (Phase.INITIALISING, True, True),
+        (Phase.TRACKING, True, False),
+        (Phase.INITIALISING, False, False),
+    ):
+        assert bare(phase=phase, grasp_known=known, latest=None).relinearises is relinearises
+
+
+def misfit(physical: bool, nis: float) -> Any:
+    gaussian = SimpleNamespace(nis=nis, measured=10.0 * nis, log_likelihood=nis)
+    return SimpleNamespace(hypothesis=SimpleNamespace(physical=physical), misfit=nis + 5.0, gaussian=gaussian)
+
+
+def test_innovations_are_those_of_the_hypotheses_with_a_mechanism() -> None:
+    run = bare(bank=(misfit(True, 1.0), misfit(False, 2.0), misfit(True, 30.0)))
+    assert run.innovations.tolist() == [[6.0, 10.0], [35.0, 300.0]]
+    assert run.log_likelihood_ratio == 29.0
+    assert bare(bank=()).innovations.shape == (0, 2)
+    assert bare(bank=()).log_likelihood_ratio == 0.0
+
+
+LAYOUT = Layout.from_unknowns(kernel('servicer7'), ())
+
+
+def drift(instant: float, starts: Array) -> MomentumDrift:
+    return MomentumDrift(starts, generic(1, len(starts), 6), instant, generic(2, 6), 50.0)
+
+
+def test_a_linearisation_point_goes_along_with_the_momentum_that_forces_bring() -> None:
+    state = np.concatenate((np.zeros(6), generic(3, 6), np.abs(generic(4, 10))))
+    point = LAYOUT.point(state)
+    held = LinearisationPoint(point, state.copy())
+    assert held.carried(3.0, None) is held
+    before = drift(2.0, np.array([0.0, 1.0]))
+    pushed = LinearisationPoint(point.drifting(before), state.copy())
+    times = pushed.point.total_mass / 50.0  # of its own mass
+    carried = pushed.carried(3.5, None)
+    change = np.zeros(len(state))
+    change[MOMENTUM] = times * 1.5 * before.rate
+    assert carried.point.state == pytest.approx(state + change)
+    assert carried.reference == pytest.approx(state + change)
+    assert carried.point.drift is None
+    assert pushed.point.parameters is point.parameters
+    again = pushed.carried(3.5, before).point.drift
+    assert again is not None
+    assert (again.instant, again.starts.tolist()) == (3.5, [3.5])
+    assert not again.offsets.any()
+    assert again.rate == pytest.approx(pushed.point.total_mass / 50.0 * before.rate, rel=0.5)
+
+
+def test_the_momentum_of_windows_is_that_at_their_start() -> None:
+    """Of past ones as they were, of later ones by the rate; before the first as of the first."""
+    starts, length = np.array([1.0, 2.0, 3.0]), 1.0
+    brought = drift(4.0, starts)
+    found = brought.at([0.5, 1.0, 2.4, 3.9, 4.0, 6.0])
+    rows = brought.offsets[[0, 0, 1, 2]]
+    assert found == pytest.approx(np.vstack((rows, 0.0 * brought.rate, 2.0 * brought.rate)))
+    steps = brought.until_next([1.0, 2.0, 3.0, 4.0], length)
+    offsets = np.vstack((brought.offsets, np.zeros(6)))
+    assert steps == pytest.approx(np.vstack((np.diff(offsets, axis=0), brought.rate)))
+    heavier = brought.of_mass(75.0)
+    assert heavier.at(starts.tolist()) == pytest.approx(1.5 * brought.at(starts.tolist()))
+    assert (heavier.rate / brought.rate).tolist() == pytest.approx([1.5] * 6)
+    assert heavier.mass == 75.0
+
+
+@pytest.mark.parametrize(
+    ('step', 'size', 'converged'),
+    [([0.05, 0.0], [1.0, 1.0], True), ([0.0, -0.3], [1.0, 1.0], False), ([0.0, 0.0], [0.0, 0.0], True)],
+)
+def test_an_iteration_is_converged_by_its_deviations(step: list[float], size: list[float], converged: bool) -> None:
+    assert is_converged(np.array(step), np.array(size)) is converged
+
+
+@pytest.mark.parametrize(('angle', 'back'), [(0.0, False), (115.0, False), (125.0, True), (180.0, True)])
+def test_a_step_that_turns_by_more_than_120_degrees_goes_back(angle: float, back: bool) -> None:
+    turned = np.array([np.cos(np.deg2rad(angle)), np.sin(np.deg2rad(angle))])
+    sizes = np.array([3.0, 0.2])
+    assert reverses(turned * sizes * 7.0, np.array([1.0, 0.0]) * sizes, sizes) is back
+    assert not reverses(-turned, turned, np.zeros(2))
+
+
+def test_a_step_is_taken_as_far_as_the_body_is_linear() -> None:
+    body = np.array([10.0, 1.0, 2.0, -1.0, 3.0, 0.1, 0.2, 4.0, 0.3, 5.0])
+    parameters = np.concatenate((generic(5, 6), body))
+    step = np.zeros(16)
+    step[6] = 1.0
+    whole = trust_region(parameters, step)
+    assert whole == 1.0
+    far = trust_region(parameters, 100.0 * step)
+    assert far == pytest.approx(0.5 * trust_region(parameters, 50.0 * step))
+    assert 0.0 < far < 0.1
+    assert trust_region(np.zeros(16), 1e9 * step) == 1.0
+    assert trust_region(parameters, np.concatenate((1e9 * np.ones(6), np.zeros(10)))) == 1.0
+
+
+@pytest.mark.parametrize(('shift', 'small'), [(0.9, True), (1.1, False), (-1.1, False)])
+def test_a_shift_by_noise_in_the_rows_is_small_below_a_deviation(shift: float, small: bool) -> None:
+    numbers = np.zeros(LAYOUT.size)
+    numbers[BODY.stop - 1] = shift * 0.2
+    result: Any = SimpleNamespace(distribution=SimpleNamespace(shift=numbers), deviation=np.full(LAYOUT.size - 6, 0.2))
+    search: Any = SimpleNamespace(batch=SimpleNamespace(layout=LAYOUT))
+    assert MultiStart._is_hardly_shifted(search, result) is small
+
+
+PUSHES = disturbances(DisturbanceModel(0.1, 20.0, 'inertial'), DisturbanceModel(0.2, 0.0, 'inertial'))
+
+
+def pushed_run(axes: str) -> tuple[Any, Any, Layout, Variables]:
+    """Return windows in which a varying torque, a constant force and one in some axes act, and what they lead to."""
+    robot, declared = kernel('servicer7'), Declared(PUSHES)
+    detector = PlaneDetector(robot.model)
+    layout = layout_of(robot, declared, detector)
+    space = variables(layout, detector, declared)
+    rng, windows = np.random.default_rng(0), []
+    for place in range(4):
+        brought, push = rng.normal(size=(6, len(space.scale))), rng.normal(size=(6, 6))
+        white = SimpleNamespace(momentum_change=brought, force_impulse=lambda _, push=push: push, length=0.5)
+        windows.append((SimpleNamespace(start=0.5 * place, length=0.5), white))
+    numbers = np.abs(rng.normal(size=len(space.scale) + 6 * (axes != 'none')))
+    gaussian = SimpleNamespace(axes=axes, mean_and_shift=lambda: (numbers, 0.0 * numbers))
+    return windows, gaussian, layout, space
+
+
+@pytest.mark.parametrize('axes', ['none', 'body', 'inertial'])
+def test_the_momentum_of_earlier_windows_is_less_by_what_constant_forces_have_brought_since(axes: str) -> None:
+    windows, gaussian, layout, space = pushed_run(axes)
+    found = some(momentum_drift(windows, gaussian, space, layout))
+    numbers, count = gaussian.mean_and_shift()[0], len(space.scale)
+    constant = np.setdiff1d(np.arange(space.first_unknown, count), space.gauss_markov)
+    impulses = []
+    for _, white in windows:
+        forced = 0.0 if axes == 'none' else white.force_impulse(axes) @ numbers[count:]
+        impulses.append(white.momentum_change[:, constant] @ numbers[constant] + forced)
+    sizes = np.diag(space.to_state)[MOMENTUM]
+    brought = sizes * np.array(impulses)
+    assert len(constant) == 3
+    assert found.offsets == pytest.approx(-np.cumsum(brought[::-1], axis=0)[::-1])
+    assert found.starts.tolist() == [0.0, 0.5, 1.0, 1.5]
+    assert (found.instant, found.central) == (2.0, axes != 'body')
+    assert found.rate == pytest.approx(brought[-1] / 0.5)
+    body = space.to_state[BODY.start] @ numbers[:count]
+    assert found.mass == pytest.approx(body + np.sum(layout.kernel.known[:, 0]))
+
+
+def test_the_momentum_of_earlier_windows_follows_a_force_that_varies() -> None:
+    """As each window's estimate has it; its impulse is that of the mean of the force at its ends."""
+    windows, gaussian, layout, space = pushed_run('none')
+    numbers, momentum = gaussian.mean_and_shift()[0], slice(space.pose_size, space.moving)
+    course: list[Any] = []
+    for place in range(4):
+        values = numbers.copy()
+        values[momentum] = generic(20 + place, 6)
+        values[space.gauss_markov] = generic(30 + place, 3)
+        course.append(SimpleNamespace(given=lambda _, places, own=values: own[places], values=values))
+    found = some(momentum_drift(windows, gaussian, space, layout, course))
+    sizes, kept, expected = np.diag(space.to_state)[MOMENTUM], np.exp(-0.5 / 20.0), []
+    for (_, white), each in zip(windows, course, strict=True):
+        acting = each.values.copy()
+        acting[space.gauss_markov] *= 0.5 * (1.0 + 1.0 / kept)  # between v and v / kept
+        impulse = white.momentum_change[:, space.first_unknown :] @ acting[space.first_unknown :]
+        expected.append(sizes * (each.values[momentum] - impulse - course[-1].values[momentum]))
+    assert found.offsets == pytest.approx(np.array(expected))
+    quiet = SimpleNamespace(axes='none')
+    nothing = Layout.from_unknowns(kernel('servicer7'), ())
+    space = variables(nothing, PlaneDetector(nothing.kernel.model), Declared())
+    assert momentum_drift(windows, quiet, space, nothing) is None  # type: ignore[arg-type]
