@@ -37,7 +37,7 @@ class Row:
 
 ROWS = [
     Row(robot, approach, times, share)
-    for times, shares in (((REST,), (3, 1)), ((REST + 10.0, REST + 30.0), (3, 3)), ((REST + 60.0,), (25, 25)))
+    for times, shares in (((REST,), (3, 1)), ((REST + 10.0, REST + 30.0), (3, 3)), ((REST + 60.0,), (15, 15)))
     for robot in ('servicer7', 'table1')
     for approach, share in zip((0.005, 0.05), shares, strict=True)
 ]
