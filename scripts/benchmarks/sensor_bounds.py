@@ -13,7 +13,7 @@ from mbaid_ros.core.robot.model import Configuration
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.simulation.simulation import Truth
 
-_FAR = 1e3  # m and rad, N s and N m s: a prior of what a run may leave open
+_FAR = 1e3  # m and rad, N s and N m s: a prior of numbers that a run may leave undetermined
 _WALK = 1.0  # s, between the changes of a bias
 _JOINTS_LATE = 0.02  # s, prior of the joints' time offset
 _WORLD = (0.05, 0.3)  # rad, m: prior of a sensor's own world

@@ -200,7 +200,7 @@ class Candidate:
     of_twist: bool = False  # whether it is something wrong with the base's twist
     part: float = 1.0  # of the windows, that it has readings of: the others count as if explained as well
     vibrates: bool = False  # whether something swings at one frequency
-    # weight of its gain, and what is taken off: a fault of a sensor explains nearly all that leaving it out does
+    # Weight of its gain, and the part taken off it: a fault of a sensor explains nearly all that leaving it out does.
     weight: float = 1.0
     less: float = 0.0
     # How a run takes it into account; or the label of the unknown that knows.

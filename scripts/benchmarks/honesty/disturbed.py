@@ -233,7 +233,7 @@ def _base_off(seed: int) -> World:
     return World(robots.scaled(robots.servicer(), BASE, factor), sinusoids())
 
 
-# Errors of a size between what is declared and what is told: their intervals hold, or they are named.
+# Errors between the specified size and one that is always named: intervals contain the truth, or the error is named.
 DRAWN = (
     Condition('drawn', 'a length scale of 0.9 to 1.1', servicer, defect=partial(readings.of_another_length, 0.1)),
     Condition('drawn', 'the base 3 to 10 % off', _base_off, lambda _: robots.servicer(), varies=True),

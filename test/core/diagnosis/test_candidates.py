@@ -239,7 +239,7 @@ class Pushed(CandidateCauses):
         # A torque alone, where that is likelier; a level in between.
         ({('both', 1e-4, 1.0): 500.0, ('torque', 1e-4, 1.0): 520.0}, (1e-4, 0.0, 1.0)),
         ({('both', 1e-4, 1.0): 500.0, ('both', 3e-4, 1.0): 520.0}, (3e-4, 3e-4, 1.0)),
-        # Of a small gain, what is ten apart counts.
+        # Of a small gain, a difference of ten counts.
         ({('both', 1e-5, 100.0): -450.0, ('both', 1e-5, 1.0): -459.0}, (1e-5, 1e-5, 1.0)),
         ({('both', 1e-5, 100.0): -450.0, ('both', 1e-5, 1.0): -461.0}, (1e-5, 1e-5, 100.0)),
     ],

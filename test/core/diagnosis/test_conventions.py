@@ -320,7 +320,7 @@ def test_the_density_is_that_of_a_solid_ellipsoid() -> None:
 
 
 def test_all_that_may_be_meant_otherwise_changes_windows_as_it_did(unchanged: Unchanged) -> None:
-    """A weighed sum of the knots of one window under each convention, and what a run is told to do."""
+    """A weighed sum of the knots of one window under each convention, and its repair of a run."""
     marker = AttachedFrame(exp(np.array([0.1, 0.5, -0.2])), np.array([0.3, -0.2, 0.1]))
     windows, found = half_second_windows(measured())[:3], []
     weights = np.sin(np.arange(1.0, 1000.0))

@@ -381,7 +381,7 @@ def test_the_momentum_follows_from_a_twist_as_it_is_read(
     rest = turn[None], generic(3, 1, joints), generic(4, 1, joints)
 
     def momentum(value: Array) -> Array:
-        """Return the known bodies' momentum by what is read where the twist is off by a value."""
+        """Return the known bodies' momentum by readings whose twist is off by a value."""
         axes = np.zeros((6, 6))
         axes[:3, 3:] = axes[3:, :3] = turn  # angular numbers first
         off = value[0] * np.append(twist[:3], np.zeros(3)) if measured_twist == 'scaled' else axes @ value
