@@ -61,9 +61,13 @@ def _write_overview(_: Any) -> None:
         _OVERVIEW.write_text(text, encoding='utf-8')
 
 
+_WITHIN = re.compile(r'(?<=±) (?=\d)|(?<=\d) (?=%)')
+
+
 def _adapt(_: Any, name: str, source: list[str]) -> None:
-    """Link the README's copy; end the index with a table of contents, one for each of its sections."""
+    """Link the README's copy; keep numbers of tables whole; end the index with a table of contents of each section."""
     source[0] = re.sub(r'\]\((?:\.\./)+README\.md', '](/overview.md', source[0])
+    source[0] = re.sub(r'^\|.*', lambda row: _WITHIN.sub('\N{NO-BREAK SPACE}', row[0]), source[0], flags=re.MULTILINE)
     if name == 'index':
         sections = re.split(r'^## ', source[0], flags=re.MULTILINE)[1:]
         entries = [(each.partition('\n')[0], _LINK.findall(each)) for each in sections]
