@@ -152,7 +152,8 @@ def _campaign_parser() -> ArgumentParser:
 def _export_parser() -> ArgumentParser:
     parser = ArgumentParser(
         'export',
-        'Write an identified body as URDF link, whole URDF, MuJoCo model or body, Basilisk parameters or plain JSON.\n'
+        'Write an identified body as URDF link, whole URDF, MuJoCo model or body, Basilisk parameters, CCSDS attitude\n'
+        'message or plain JSON.\n'
         'Exit code: 0 written, 2 bad input, 3 the data do not determine the body, 4 they contradict the model.',
         'ros2 run mbaid_ros export run1.json --format mjcf --output captured.xml',
     )
