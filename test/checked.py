@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
 from typing import TypeVar
 
@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array
+from mbaid_ros.tasks import Work
 
 Thing = TypeVar('Thing')
 
@@ -19,6 +20,17 @@ def some(thing: Thing | None) -> Thing:
     """Return what must not be None."""
     assert thing is not None
     return thing
+
+
+def returned(bits: Work[Thing]) -> Thing:
+    """Return what work comes to."""
+    found: list[Thing] = []
+
+    def whole() -> Iterator[int]:
+        found.append((yield from bits))
+
+    assert all(steps >= 0 for steps in whole())
+    return found[0]
 
 
 def answer(

@@ -35,13 +35,13 @@ def window_of(samples: Samples, spacing: float, correlation_time: float = 0.0) -
     return Window(knots, slice(BEFORE, count - AFTER), spacing, noise, START, after_gap=False)
 
 
-def half_second_windows(samples: Samples) -> list[Window]:
-    """Return the windows between 1 and 23 s of samples read with the noise of MID."""
+def half_second_windows(samples: Samples, until: float = 23.0) -> list[Window]:
+    """Return the windows from 1 s until a time, s, of samples read with the noise of MID."""
     spacing, length = 0.05, 0.5
     count = BEFORE + round(length / spacing) + AFTER
     noise = WindowNoise(50, MID.joint_position, np.eye(6) * 1e-6, np.eye(6) * 1e-6, 0.0)
     found = []
-    for start in np.arange(1.0, 23.0, length):
+    for start in np.arange(1.0, until, length):
         begin = start - BEFORE * spacing
         first, last = np.searchsorted(samples.time, [begin - 1e-6, begin + count * spacing - 1e-6])
         knots = averages([samples[int(first) : int(last)]], np.array([begin]), spacing, count, np.zeros(3))

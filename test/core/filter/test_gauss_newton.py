@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from types import SimpleNamespace
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import pytest
 
-from checked import some
+from checked import returned, some
 from floating import make
 from mbaid_ros.core.contracts import UNDISTURBED, in_stacks
 from mbaid_ros.core.filter.gauss_newton import BatchIteration, MultiStart, Start
@@ -56,19 +56,7 @@ def test_a_run_that_is_given_up_is_searched_again_from_as_many_windows_as_the_fi
     assert lengths[0] == FIRST
 
 
-Found = TypeVar('Found')
 ENOUGH = 10_000  # steps of the filter
-
-
-def returned(bits: Work[Found]) -> Found:
-    found: list[Found] = []
-
-    def whole() -> Iterator[int]:
-        found.append((yield from bits))
-
-    for _ in whole():
-        pass
-    return found[0]
 
 
 class Young:
