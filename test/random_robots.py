@@ -32,6 +32,18 @@ def random_inertial(rng: np.random.Generator) -> str:
     )
 
 
+def two_links(first: str, second: str, end: str = '') -> str:
+    """Return a base and two links in a row, which j1 and j2 move about or along z; j2 has also an end."""
+    inertial = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    links = ''.join(f'<link name="{name}">{inertial}</link>' for name in ('base_link', 'link1', 'link2'))
+    rest = '<origin xyz="0.5 0 0"/><axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="1" velocity="1"/>'
+    joints = ''.join(
+        f'<joint name="j{place}" {kind}><parent link="{parent}"/><child link="link{place}"/>{rest}{more}</joint>'
+        for place, kind, parent, more in ((1, first, 'base_link', ''), (2, second, 'link1', end))
+    )
+    return f'<robot name="two_links">{links}{joints}</robot>'
+
+
 def random_urdf(rng: np.random.Generator, joints: int = 6, chain: bool = False) -> str:
     """Return a random tree (or chain) of bodies with all supported joint types."""
     parts = ['<robot name="random">', f'<link name="base_link">{random_inertial(rng)}</link>']

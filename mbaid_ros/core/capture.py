@@ -64,6 +64,11 @@ class Chaser:
     residual: float  # root mean square of the normalised residuals: 1 is momentum as constant as the noise lets it seem
     samples: int  # number used
 
+    @property
+    def widened(self) -> Array:
+        """The covariance (6, 6) as the residuals show it."""
+        return self.covariance * (max(self.residual, 1.0) ** 2 if np.isfinite(self.residual) else 1.0)
+
 
 class KnownMomentum:
     """The total momentum of a robot whose bodies are all known, updated window by window.
@@ -101,7 +106,7 @@ class KnownMomentum:
         self._momentum = self._momentum + np.linalg.solve(self._information, gain)
         self._windows += 1
         self._samples += len(window)
-        self.windows.append(window)
+        self.windows.append(with_rates(window))  # its columns are by velocities, as the momentum is
 
     def innovation_squared(self, window: Samples) -> float:
         """Return how far a window's momentum is from that of the others: chi-square of six numbers if nothing acts.
@@ -227,7 +232,8 @@ class CaptureEstimator:
         self._estimates: deque[Estimate] = deque(maxlen=_REMEMBERED)
         self._target_pose: tuple[float, Array, Array] | None = None  # s from the capture; R, r of the target link then
         self._at_capture: Samples | None = None  # the sample of that
-        self._last_before: Samples | None = None  # the last sample before the capture
+        self._last: Samples | None = None  # the last sample
+        self._last_before: Samples | None = None  # the same before the capture
 
     @property
     def phase(self) -> CapturePhase:
@@ -251,9 +257,10 @@ class CaptureEstimator:
         later: list[Samples] = []
         for window in windows:
             self._latest = float(window.time[-1])
+            self._last = window[-1:]
             if self.time is None or self._latest < self.time - _SLACK:
                 made.append(self._pre_capture_estimate(window, origin))
-                self._last_before = window[-1:]
+                self._last_before = self._last
                 continue
             self._add_known_windows(self.time - MARGIN)
             self._waiting.clear()
@@ -275,6 +282,7 @@ class CaptureEstimator:
     def restart_at(self, time: float) -> None:
         """Move the capture to a later time (s) and begin the method anew."""
         self.time, self._method, self._target_pose = time, self._make(), None
+        self._last_before = self._last
         self._tracked, self._notes, self._begun, self._held = None, (), False, []
         self._estimates.clear()
 
@@ -303,15 +311,17 @@ class CaptureEstimator:
             return
         frame = self._track.frame
         if frame is None and self._settling > 0.0:
-            frame = self._track.frame_in_hand(self.kernel, later, origin, self.time + self._settling)
-        wider = max(chaser.residual, 1.0) if np.isfinite(chaser.residual) else 1.0
+            settled = self.time + self._settling
+            # The same windows however they are cut into calls.
+            seen = [window for window in later if window.time[0] < settled + _GOES_ON]
+            frame = self._track.frame_in_hand(self.kernel, seen, origin, settled, flight.noise)
         self._tracked = TargetAtCapture(
             self.time,
             flight,
             self.kernel,
             self._at_capture,
             chaser.momentum + self._tide_before_capture(),
-            wider * np.linalg.cholesky(chaser.covariance),
+            np.linalg.cholesky(chaser.widened),
             self._known.columns,
             rigid=self._settling == 0.0,
             frame=frame,
@@ -352,7 +362,7 @@ class CaptureEstimator:
             return Capture(self.time, chaser, nothing, np.full((6, 6), np.nan), nothing[:3], nothing[:3])
         momentum, covariance = _known_part(
             total.momentum - total.impulse - chaser.momentum - self._tide_before_capture(),
-            total.momentum_covariance + chaser.covariance,
+            total.momentum_covariance + chaser.widened,
         )
         velocity, spin = self._motion(momentum, body)
         misfit = self._estimates[-1].target_misfit

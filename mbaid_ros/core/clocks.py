@@ -413,9 +413,8 @@ class TimeOffset(Unknown):
     def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
         """Return the offset as uncertain as it is large."""
         del cause, kernel
-        return wider_prior(
-            f'the joints are stamped {with_band(value, std, 1e3)} ms late', 'time_offset.prior_std', value, std, 's'
-        )
+        found = f'the joints are stamped {with_band(value, std, 1e3)} ms late'
+        return _estimated(wider_prior(found, 'time_offset.prior_std', value, std, 's'))
 
     def measured(self, sensor: str, motion: Motion) -> Array:
         """Return how much further on any sensor of the base reads."""
@@ -457,18 +456,18 @@ class ClockDrift(Linear):
     def repair(self, cause: str, value: Array, std: Array, kernel: MomentumKernel) -> Repair:
         """Return the drift as uncertain as it is large."""
         del cause, kernel
-        return wider_prior(
-            f'the clocks drift apart by {with_band(value, std, 1e6)} ppm',
-            'time_offset.drift_std',
-            value,
-            std,
-            most=_LARGEST_DRIFT,
-        )
+        found = f'the clocks drift apart by {with_band(value, std, 1e6)} ppm'
+        return _estimated(wider_prior(found, 'time_offset.drift_std', value, std, most=_LARGEST_DRIFT))
 
     def measured(self, sensor: str, motion: Motion) -> Array:
         """Return how much further on any sensor of the base reads, and how much faster by the joints' clock."""
         del sensor
         return (motion.time[:, None] * motion.slope + motion.rate)[..., None]
+
+
+def _estimated(repair: Repair) -> Repair:
+    """Return the repair of a clock, which is estimated even where the parameters had forbidden it."""
+    return replace(repair, parameters={'time_offset.estimate': True} | dict(repair.parameters or {}))
 
 
 def clock_drift(deviation: float) -> ClockDrift:

@@ -210,7 +210,7 @@ class RateIntegrator:
         if stream is None or not len(stream.stamp):
             return
         self.newest = int(stream.stamp[-1])
-        lost = self._saturated(stream.angular_velocity)
+        lost = self._saturated(stream.read)
         self.dropped[SATURATED] += int(np.sum(lost))
         self._integrate(stream, lost)
         self.forget_before(np.iinfo(np.int64).min)
@@ -756,8 +756,8 @@ class ImuReader:
             turned[names == name] = np.einsum('ij,nj->ni', self._axes[name], rate[names == name])
         stamps = stamps_of([message for message, _ in kept])
         if self._orientation_std is None:
-            return ImuStream(stamps, turned)[finite & real], +dropped
-        stream = ImuStream(stamps, turned, *self._orientations(kept, self._orientation_std, dropped))
+            return ImuStream(stamps, turned, read=rate)[finite & real], +dropped
+        stream = ImuStream(stamps, turned, *self._orientations(kept, self._orientation_std, dropped), rate)
         return stream[finite & real], +dropped
 
     def _orientations(

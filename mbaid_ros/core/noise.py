@@ -541,7 +541,10 @@ class LevelEstimator:
         self._base = Differences(columns, _STRIDES)
         self._drift = Differences((slice(0, 3), slice(3, 6)), _LONG_STRIDES, order=1)
         self._latest: tuple[BaseStream, Array] | None = None  # of the base, and the drift (1, 6) until then
-        self._ratio = np.ones(2)  # 1/s, of the noise that the first message declares of twist and pose
+        # 1/s, of the noise declared of twist and pose: of the first message, and its geometric mean; logarithms of all
+        # messages over the first, their sum and number, and those that are not counted yet.
+        self._first_ratio, self._ratio = np.full(2, np.nan), np.ones(2)
+        self._log_ratios, self._ratios = np.zeros((2, 2)), list[tuple[Stamps, Array]]()
         self._counted, self._free = 0, (False, False)
         self._total, self._new = 0, 0  # differences counted so far; those that have come since, at most
         self._levels = FoundLevels(np.full(6, np.nan), np.zeros(6, dtype=bool), np.zeros(6, dtype=bool), np.zeros(2))
@@ -558,8 +561,11 @@ class LevelEstimator:
         if base is not None and len(base.stamp):
             parts = base.position, base.rotation.reshape(-1, 9), base.linear_velocity, base.angular_velocity
             sizes = np.concatenate((block_std(base.pose_covariance), block_std(base.twist_covariance)), axis=1)
-            if self._latest is None:
-                self._ratio = sizes[0, 2:] / sizes[0, :2]
+            ratio = sizes[:, 2:] / sizes[:, :2]
+            known = np.isfinite(ratio)
+            first = ratio[np.argmax(known, axis=0), [0, 1]]
+            self._first_ratio[:] = np.where(np.isnan(self._first_ratio), first, self._first_ratio)
+            self._ratios.append((base.stamp, np.where(known, np.log(ratio / self._first_ratio), np.nan)))
             self._base.add(base.stamp, np.concatenate(parts, axis=1), sizes)
             self._drift.add(base.stamp, self._drift_of(base), sizes[:, :2])
             self._new += _OF_A_POSE * len(_STRIDES) * len(base.stamp)
@@ -572,7 +578,8 @@ class LevelEstimator:
         twist = np.concatenate((both.linear_velocity, both.angular_velocity), axis=1)
         change = np.concatenate((np.diff(both.position, axis=0), turn), axis=1) - 0.5 * step * (twist[1:] + twist[:-1])
         start = np.zeros((1, 6)) if self._latest is None else self._latest[1]
-        drift = np.cumsum(np.concatenate((start, change)), axis=0)
+        # Where a twist is missing the drift stays.
+        drift = np.cumsum(np.concatenate((start, np.nan_to_num(change))), axis=0)
         self._latest = base[-1:], drift[-1:]
         return drift if len(drift) == len(base.stamp) else drift[1:]
 
@@ -589,12 +596,26 @@ class LevelEstimator:
             return self._levels  # counting takes longer than the rest of a window's intake
         for each in (self._joints, self._apart, self._base, self._drift):
             each.count(stamp)
+        self._count_ratios(stamp)
         self._total = int(self._joints.counts.sum() + self._base.counts.sum())
         self._new = self._joints.uncounted + self._base.uncounted
         if self._total > _ANEW * self._counted or free != self._free:
             self._counted, self._free = self._total, free
             self._levels = self._estimated(spacing, free)
         return self._levels
+
+    def _count_ratios(self, stamp: int) -> None:
+        while self._ratios:
+            stamps, logs = self._ratios[0]
+            count = int(np.searchsorted(stamps, stamp, side='right'))
+            counted = np.isfinite(logs[:count])
+            self._log_ratios += np.where(counted, logs[:count], 0.0).sum(axis=0), counted.sum(axis=0)
+            if count < len(stamps):
+                self._ratios[0] = stamps[count:], logs[count:]
+                break
+            del self._ratios[0]
+        total, number = self._log_ratios
+        self._ratio = self._first_ratio * np.exp(total / np.maximum(number, 1.0))
 
     def _estimated(self, spacing: float, free: tuple[bool, bool]) -> FoundLevels:
         """Return the levels by the present counts."""

@@ -105,7 +105,8 @@ class NamedPoseConfig:
     turns; 0: it does not drift."""
     same_world: bool = parameter(default=False)
     """Whether its world frame is that of the odometry. Otherwise the constant turn and displacement between the two are
-    unknown, and found from the data."""
+    unknown, and found from the data. With poses.alone, the first sensor of the position and the first of the
+    orientation have one world: align them."""
     use: bool = parameter(default=True)
     """Whether it is used."""
 
@@ -581,7 +582,7 @@ class PoseErrors(Linear):
         read[:, :3, :3] = read[:, 3:, 3:6] = motion.rotation
         read[:, :3, 6:9] = read[:, 3:, 9:12] = np.eye(3)
         read[:, 3:, 6:9] = -skew(motion.position)
-        read[:, :, 12], read[:, 3:, 13] = -motion.twist, motion.position
+        read[:, :, 12], read[:, 3:, 13] = -motion.twist, motion.position + motion.origin  # from its world's origin on
         return read[:, _ROWS[self.measures]]
 
 
@@ -660,7 +661,7 @@ class PoseDrift(Linear):
             return None
         read = np.zeros((len(motion.time), 6, 6))
         read[:, :3, :3] = read[:, 3:, 3:] = np.eye(3)
-        read[:, 3:, :3] = -skew(motion.position)
+        read[:, 3:, :3] = -skew(motion.position + motion.origin)
         return (motion.time[:, None, None] * read)[:, _ROWS[self.measures]]
 
 
@@ -995,6 +996,11 @@ class Reference:
             return None
         right = np.maximum(np.searchsorted(turns.stamp, ready.stamp, side='left'), 1)
         left = right - 1
+        near = turns.stamp[right] - turns.stamp[left] <= round(REFERENCE_GAP * 1e9)
+        ready, left, right = ready[near], left[near], right[near]
+        if not len(ready.stamp):
+            self._turns = turns[-1:]
+            return None
         part = (ready.stamp - turns.stamp[left]) / (turns.stamp[right] - turns.stamp[left])
         turn = log(np.swapaxes(turns.rotation[left], -1, -2) @ turns.rotation[right])
         rotation = turns.rotation[left] @ exp(part[:, None] * turn)

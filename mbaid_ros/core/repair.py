@@ -51,6 +51,7 @@ class Conversion:
     left_out: tuple[tuple[float, float], ...] = ()  # s since the first sample: joint readings in between
     masses: Mapping[str, float] = field(default_factory=dict)  # factors of links' masses and inertias, by name
     lengths: float = 1.0  # m in a unit of the robot description's lengths
+    origin: int = field(default=0, compare=False)  # ns, stamp of the first sample of the run that it was found in
 
     @property
     def of_description(self) -> bool:
@@ -63,16 +64,17 @@ class Conversion:
         return self.pose != 'as read' or bool(self.mount) or self.scale != 1.0
 
     def joints(
-        self, streams: Mapping[tuple[int, ...], JointStream], names: Sequence[str], origin: int
+        self, streams: Mapping[tuple[int, ...], JointStream], names: Sequence[str], joints: int
     ) -> dict[tuple[int, ...], JointStream]:
         """Return the joints' readings as they are meant.
 
         Parameters
         ----------
         streams : by the indices of their joints
-        names : of all joints
-        origin : ns, stamp of the first sample
+        names : of all inputs
+        joints : how many of them, from the first on, are joints
         """
+        origin = self.origin
         place = {name: index for index, name in enumerate(names)}
         meant_by = {place[column]: place[name] for name, column in self.columns.items()}
         found = {}
@@ -85,7 +87,7 @@ class Conversion:
             stamp, velocity = stream.stamp - round(1e9 * self.delay), stream.velocity[:, order] * scale
             if self.clock != 1.0:  # velocities may be by either clock
                 stamp = origin + np.round((stamp - origin) / self.clock).astype(np.int64)
-                velocity = np.full_like(velocity, np.nan)
+                velocity = np.where(np.sort(meant) < joints, np.nan, velocity)
             changed = JointStream(stamp, position[:, order] * scale + zero, velocity)
             found[tuple(sorted(meant))] = changed[self._kept(changed.stamp - origin)]
         return found
@@ -161,6 +163,15 @@ class Repair:
         """Whether parameters alone take the cause into account."""
         return self.parameters is not None and self.conversion is None
 
+    def since_sample(self, origin: int) -> Repair:
+        """Return it with its times counted from the stamp (ns) of a run's first sample."""
+        if self.conversion is None:
+            return self
+        since = self.since
+        for _, jumped, _ in self.conversion.steps:
+            since = 1e-9 * (jumped - origin)
+        return replace(self, conversion=replace(self.conversion, origin=origin), since=since)
+
     @property
     def leaves_out(self) -> bool:
         """Whether it leaves out a sensor by name."""
@@ -189,7 +200,9 @@ class Repair:
         """Return the part of it that given parameters lack; None where they have all of it."""
         if self.parameters is None:
             return self
-        new = {name: value for name, value in self.parameters.items() if not _covers(settings.get(name), name, value)}
+        new = {
+            name: value for name, value in self.parameters.items() if not _covers(_given(settings, name), name, value)
+        }
         return replace(self, parameters=new) if new or self.conversion is not None else None
 
 
@@ -200,6 +213,12 @@ def shown(value: Setting) -> str:
     if isinstance(value, float):
         return f'{value:.6g}'
     return value if isinstance(value, str) else f'[{", ".join(map(shown, value))}]'
+
+
+def _given(settings: Mapping[str, Setting], name: str) -> Setting | None:
+    """Return the value of a parameter; one of a joint that has none of its own has that of all joints."""
+    group, _, rest = name.partition('.')
+    return settings.get(name, settings.get(f'{group}.{rest.rpartition(".")[2]}') if group == 'known_joints' else None)
 
 
 def _covers(given: Setting | None, name: str, value: Setting) -> bool:

@@ -236,9 +236,13 @@ class ImuStream(ArrayRecord):
     rotation_covariance: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))  # (N, 3, 3) rad^2, world axes
     # (N,) whether the message has the noise of the orientation
     declared: Flags = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    # (N, 3) rad/s, angular velocity in the gyro's own axes; by default those of `angular_velocity`
+    read: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __post_init__(self) -> None:
         """Fill in the defaults."""
+        if len(self.read) != len(self.stamp):
+            object.__setattr__(self, 'read', self.angular_velocity)
         for name in ('rotation', 'rotation_covariance'):
             if len(getattr(self, name)) != len(self.stamp):
                 object.__setattr__(self, name, np.full((len(self.stamp), 3, 3), np.nan))

@@ -442,7 +442,7 @@ class TargetTrack:
         return flight, notes
 
     def frame_in_hand(
-        self, kernel: MomentumKernel, windows: Sequence[Samples], origin: int, since: float
+        self, kernel: MomentumKernel, windows: Sequence[Samples], origin: int, since: float, noise: PoseNoise
     ) -> GraspedFrame | None:
         """Return the tracked frame in that of the target link, by poses in windows since a time, s; None of few."""
         track, _ = self._located(kernel, windows, origin, (since, float(windows[-1].time[-1])))
@@ -458,7 +458,14 @@ class TargetTrack:
         away = log(np.swapaxes(turns[:1], 1, 2) @ turns)
         rotation = turns[0] @ exp(np.mean(away, axis=0))
         scatter = np.concatenate((log(turns @ rotation.T), places - np.mean(places, axis=0)), axis=1)
-        std = np.sqrt(np.mean(scatter**2, axis=0) / (len(pairs) - 1))
+        square, count = np.sum(scatter**2, axis=0) / (len(pairs) - 1), np.full(6, float(len(pairs)))
+        sizes = noise.position, noise.orientation
+        for part, time, size in zip((slice(3, 6), slice(3)), noise.correlation_times, sizes, strict=True):
+            if time > 0.0:  # slow errors hardly scatter, and few of them are independent
+                square[part] = np.maximum(square[part], size**2)
+                step = float(np.ptp(track.time)) / (len(track.time) - 1)
+                count[part] = max(count[0] * np.tanh(0.5 * step / time), 1.0)
+        std = np.sqrt(square / count)
         return GraspedFrame(rotation, np.mean(places, axis=0), np.diag(std))
 
     def _located(

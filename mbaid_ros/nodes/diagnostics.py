@@ -18,6 +18,7 @@ from mbaid_ros.errors import listing
 from mbaid_ros.nodes.subscriptions import LOST, Subscriptions
 from mbaid_ros.nodes.watch import ESTIMATE, NEXT
 from mbaid_ros.session.explanation import complaints, doubts, explain, obstacles, remarks, sensor_rows
+from mbaid_ros.session.repairing import LEFT_OUT
 from mbaid_ros.session.session import Session
 
 OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
@@ -123,9 +124,10 @@ class SampleReport:
 
 def estimate_report(state: RunState) -> Report:
     """Return the report on the last estimate."""
-    estimate, robot = state.estimate, state.session.robot if state.session else None
+    estimate = state.estimate
     if estimate is None:
         return WARN, 'waiting: paused' if state.paused else 'waiting', []
+    robot = state.session.robot_of(estimate) if state.session else None
     causes = [cause for cause, _ in estimate.likely_causes[:_CAUSES]]
     noise = estimate.noise.rows() if estimate.noise else []
     values: Values = [
@@ -163,7 +165,7 @@ def sensors_report(state: RunState) -> Report:
     if state.session is None:
         return OK, 'no robot description yet', []
     rows = sensor_rows(state.session, state.estimate)
-    silent = [each.name for each in rows if not each.used]
+    silent = [each.name for each in rows if not each.used and LEFT_OUT not in each.dropped]
     level = WARN if silent and state.session.used else OK
     text = f'nothing from {listing(silent)}' if silent else f'{len(rows)} in use'
     return level, text, [(each.name, str(each)) for each in rows]

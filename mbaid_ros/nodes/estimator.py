@@ -144,7 +144,7 @@ class EstimatorNode(Node):
 
     def _on_description(self, message: String) -> None:
         state = self._state
-        if state.session is not None and state.session.robot.model.urdf == message.data:
+        if state.session is not None and state.session.is_described_by(message.data):
             state.problem = ''
             return
         try:

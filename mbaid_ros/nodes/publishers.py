@@ -148,10 +148,20 @@ class Publishers:
         if with_debris:
             self._topics['~/debris'] = InertiaEstimate
         self._publishers: dict[str, Publisher] = {}
+        self._publications = Publications(TYPES)
+        self._last: tuple[Estimate, Frames] | None = None  # what was published last, of this run
         self.clear()
 
     def clear(self) -> None:
-        """Withdraw everything: later subscribers get nothing of it."""
+        """Withdraw everything: later subscribers get nothing of it, those that have numbers get NaN."""
+        if self._last is not None:
+            estimate, frames = self._last
+            ended = Estimate(method=estimate.method, status='waiting', stamp=estimate.stamp)
+            for name, message in self._publications.messages_of(ended, frames):
+                if name != 'estimate':
+                    self.send(f'~/{name}', message)
+                    self._publishers[f'~/{name}'].wait_for_all_acked(_PATIENCE)
+        self._last = None
         for publisher in self._publishers.values():
             self._node.destroy_publisher(publisher)
         for topic in self._topics:
@@ -168,6 +178,7 @@ class Publishers:
         capture: Capture | None = None,
     ) -> None:
         """Publish an estimate in all the forms that it determines, and withdraw the last one from the others."""
+        self._last = estimate, frames
         for name, message in self._publications.messages_of(estimate, frames, alone, capture):
             self.send(f'~/{name}', message)
         described, self._described = self._described, is_complete(estimate)
@@ -222,9 +233,9 @@ class EstimatePublication:
             if session.restarted != self._restarted and session.restarts[-1] in estimate.warnings:
                 self._report_restart(session)
             self._state.estimate, self._state.stale = estimate, ''
-            robot = session.robot
+            robot = session.robot_of(estimate)
             alone, capture = robot.debris(estimate), robot.captured(estimate)
-            self._publishers.publish(estimate, session.frames, robot.urdf, alone, capture)
+            self._publishers.publish(estimate, session.frames_of(estimate), robot.urdf, alone, capture)
             self._log.estimate(estimate)
         if session.restarted != self._restarted:
             self._report_restart(session)
@@ -251,7 +262,8 @@ class EstimatePublication:
         state.stale = reason
         self._log.event(f'the estimate is stale: {reason}')
         warnings = [state.sample_counts, reason]
-        message = estimate_message(state.estimate, TYPES, state.session.frames, warnings, stale=True)
+        frames = state.session.frames_of(state.estimate)
+        message = estimate_message(state.estimate, TYPES, frames, warnings, stale=True)
         self._publishers.send('~/estimate', message)
 
     def withdraw(self, *, warned: bool = False) -> None:

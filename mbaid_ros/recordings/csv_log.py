@@ -207,6 +207,11 @@ class _Reading:
                 raise ParameterError(
                     f"{where} is column '{value}'; those of '{self.table.path}': {listing(self.table.names)}"
                 )
+            if (times := self.table.names.count(value)) > 1:
+                raise ParameterError(
+                    f"{where} is column '{value}', which '{self.table.path}' has {times} times; accepted: its number "
+                    'from 0 on'
+                )
             place = self.table.names.index(value)
         else:
             raise ParameterError(f'{where} is {shown(value)}; accepted: the name of a column, or its number from 0 on')

@@ -107,7 +107,8 @@ class _Intake:
         self._session = session
         self._inputs = inputs
         self._arrivals = {topic: Arrivals() for topic in topics}
-        self._stamped = {topic: Arrivals() for topic in (inputs.joint_states, inputs.odometry)}  # by header stamps
+        # By header stamps; a run without odometry has no topic of it.
+        self._stamped = {topic: Arrivals() for topic in (inputs.joint_states, inputs.odometry) if topic}
         self.warnings: list[str] = []
 
     def add(self, messages: Batch) -> None:
@@ -117,8 +118,9 @@ class _Intake:
             self._arrivals[topic].add(times)
         joints = messages.on_topic(self._inputs.joint_states)
         poses = self._session.base_source.poses(messages.on_topic(self._inputs.odometry))
-        self._stamped[self._inputs.joint_states].add(stamps_of(joints))
-        self._stamped[self._inputs.odometry].add(stamps_of(poses))
+        for topic, read in ((self._inputs.joint_states, joints), (self._inputs.odometry, poses)):
+            if topic:
+                self._stamped[topic].add(stamps_of(read))
 
     def statistics(self, bag: BagReader) -> tuple[TopicStatistics, ...]:
         """Return the statistics of each topic, by header stamps where the bag's times of recording cannot be."""

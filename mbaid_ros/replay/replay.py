@@ -167,7 +167,8 @@ def _continued(bags: Sequence[str], config: EstimatorConfig, urdf: str, inputs: 
             run = replay_bag(bag, config, urdf, inputs, progress=progress, before=before)
         runs.append(replace(run, warnings=(*run.warnings, *notes)))
         if run.posterior is None or run.contradicted or run.final.repairs:
-            notes = (*notes, f'nothing goes on from {bag}, which reached no estimate that can be trusted')
+            why = 'was repaired' if run.final.repairs else 'reached no estimate that can be trusted'
+            notes = (*notes, f'nothing goes on from {bag}, which {why}')
         else:
             before = run
     return runs

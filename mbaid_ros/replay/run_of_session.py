@@ -47,12 +47,14 @@ class Kept:
             self._restarted, self._repairs, self._written = session.restarted, len(session.repairs), -1
         elif len(session.repairs) != self._repairs:
             self._history, self._repairs = History(), len(session.repairs)
-        robot = session.robot
         for estimate in estimates:
             self._history.add(estimate)
             if self._writer and (not session.repairs or estimate.stamp > self._written):
                 self._written = estimate.stamp
-                self._writer.write(estimate, session.frames, robot.debris(estimate), robot.captured(estimate))
+                robot = session.robot_of(estimate)
+                self._writer.write(
+                    estimate, session.frames_of(estimate), robot.debris(estimate), robot.captured(estimate)
+                )
 
     def run(
         self,
@@ -63,9 +65,9 @@ class Kept:
     ) -> Run:
         """Return the result of a session that has finished; `name` is that of its data."""
         session, history = self._session, self._history
-        posterior, robot = session.posterior(), session.robot
         last = history.last
         final = last or Estimate(method=session.config.method, status='waiting')
+        posterior, robot = session.posterior(), session.robot_of(final)
         return Run(
             bag=name,
             target_link=robot.target_link,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import cast
 
 import numpy as np
@@ -12,12 +12,13 @@ from mbaid_ros.config.estimator_parameters import ConvergenceConfig
 from mbaid_ros.core.capture import Capture
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.method import FIRST_STAGE
-from mbaid_ros.core.repair import leading_repair
+from mbaid_ros.core.repair import Setting, leading_repair
 from mbaid_ros.core.results.estimate import MAIN_CAUSES, PARAMETERS, UNITS, UNOBSERVABLE, WITHHELD, Estimate, rounded
 from mbaid_ros.core.results.verdict import imprecise
 from mbaid_ros.core.samples import JOINT_MISSING
 from mbaid_ros.errors import listing
 from mbaid_ros.replay.whole_run import Run
+from mbaid_ros.session.repairing import admitted, obstacles
 
 _EVENTS = 5  # that a terminal shows
 
@@ -124,8 +125,9 @@ def verdict(run: Run) -> str:
 
 def offered_repair(run: Run) -> list[str]:
     """Return that option --repair would take the leading cause into account, where it would."""
-    found = leading_repair(run.final.likely_causes, run.final.remedies)
-    if found is None or run.settings.get('repair'):
+    settings = cast('Mapping[str, Setting]', run.settings)
+    found = admitted(leading_repair(run.final.likely_causes, run.final.remedies), settings)
+    if found is None or settings['repair'] or obstacles(settings):
         return []
     return [f'--repair takes the leading cause into account ({found.how}), and goes on']
 

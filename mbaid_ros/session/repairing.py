@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
-from mbaid_ros.core.repair import Conversion, Repair, leading_repair
+from mbaid_ros.core.repair import Conversion, Repair, Setting, leading_repair
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.urdf import scale_inertials, scale_lengths
 from mbaid_ros.errors import ParameterError
@@ -24,17 +24,27 @@ _CALIBRATED = ('known_links.', 'known_joints.', 'odometry_mount.')  # which a ca
 
 def refuse_repair(config: EstimatorConfig) -> None:
     """Raise a ParameterError if the parameters ask for repairs in a run that has none."""
-    if not config.repair:
-        return
-    problems = {
-        f'method is {config.method}; accepted: trajectory': config.method != 'trajectory',
-        'the run begins before the capture; accepted: capture.phase post_capture': (
-            config.capture.phase != 'post_capture' or config.capture.time > 0.0
-        ),
+    for obstacle in obstacles(values_of(config)) if config.repair else ():
+        raise ParameterError(f"parameter 'repair' is true, and {obstacle}")
+
+
+def obstacles(settings: Mapping[str, Setting]) -> list[str]:
+    """Return why a run of these parameters has no repairs; empty where it may have them."""
+    before = settings['capture.phase'] != 'post_capture' or settings['capture.time'] != 0.0
+    found = {
+        f'method is {settings["method"]}; accepted: trajectory': settings['method'] != 'trajectory',
+        'the run begins before the capture; accepted: capture.phase post_capture': before,
     }
-    for problem, present in problems.items():
-        if present:
-            raise ParameterError(f"parameter 'repair' is true, and {problem}")
+    return [text for text, present in found.items() if present]
+
+
+def admitted(repair: Repair | None, settings: Mapping[str, Setting]) -> Repair | None:
+    """Return the part of a repair that a run of these parameters lacks, and can take; None where there is none."""
+    found = None if repair is None else repair.beyond(settings)
+    names = () if found is None else found.parameters or ()
+    if settings['known_links.calibration'] and any(name.startswith(_CALIBRATED) for name in names):
+        return None
+    return found
 
 
 def repaired(config: EstimatorConfig, repairs: Sequence[Repair]) -> EstimatorConfig:
@@ -80,10 +90,8 @@ class RepairPolicy:
         if self.over or len(taken) == MOST or self._contradicted < _PERSISTENT:
             return None
         found = leading_repair(estimate.causes, estimate.remedies, several=self._contradicted >= _AMBIGUOUS)
-        found = None if found is None else found.beyond(values_of(config))
+        found = admitted(found, values_of(config))
         if found is None or any(found.conversion == each.conversion is not None for each in taken):
-            return None
-        if config.known_links.calibration and any(name.startswith(_CALIBRATED) for name in found.parameters or ()):
             return None
         return found
 

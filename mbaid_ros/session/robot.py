@@ -173,7 +173,8 @@ def nominal_model(config: EstimatorConfig, kernel: MomentumKernel) -> KnownRobot
     as_declared = declaration(config, kernel)
     if not config.known_links.calibration:
         given = config.known_links.links.get(kernel.target.name)
-        if given is not None and not config.debris.report:  # otherwise it is of the <inertial> alone
+        to_come = config.capture.phase == 'pre_capture' or config.capture.time > 0.0
+        if given is not None and not (config.debris.report or to_come):  # otherwise it is of the <inertial> alone
             as_declared = replace(as_declared, target=described_prior(config.target_prior, kernel, given))
         return KnownRobot(kernel, replace(as_declared, total_mass=_mass_without_target(config.known_links, kernel)))
     found = _calibration(kernel.model, config.known_links)

@@ -31,14 +31,22 @@ from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import BaseStream, Input, JointStream, Packets, number_of, stamp_of, stamps_of
 from mbaid_ros.core.target import TargetTrack
 from mbaid_ros.core.wheels import StoredMomentum, vector_of
-from mbaid_ros.errors import DataError, ParameterError, listing
+from mbaid_ros.errors import DataError, ModelError, ParameterError, listing
 from mbaid_ros.estimate_messages import Frames
 from mbaid_ros.parameters import topic_of
 from mbaid_ros.session.catalogue import inputs, instruments
 from mbaid_ros.session.continuation import read_continuation
 from mbaid_ros.session.methods import make_capture, make_estimator
 from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
-from mbaid_ros.session.repairing import LEFT_OUT, RepairPolicy, conversions, described, refuse_repair, repaired
+from mbaid_ros.session.repairing import (
+    LEFT_OUT,
+    LONGEST,
+    RepairPolicy,
+    conversions,
+    described,
+    refuse_repair,
+    repaired,
+)
 from mbaid_ros.session.robot import EXACT_ROBOT, Robot, contradicted_mass
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
@@ -55,6 +63,7 @@ IMU_NOT_ASKED_FOR = 'an IMU is published but not used: set imu.noise_density'
 # No known data lead to these. A node in a robot's graph has to report them and go on all the same.
 UNSOLVABLE = (np.linalg.LinAlgError, FloatingPointError)
 _RESTARTS_KEPT = 20
+_SILENCE = 2.0 * LONGEST  # s without an estimate, after which a run is not started again from its first messages
 _NANOSEC = 'nanosec of the stamps of {} are 1e9 or more: they have to be below; the other stamps are wrong, too'
 
 
@@ -157,7 +166,7 @@ class MessageQueue:
 class Intake:
     """The readers of a run's messages, and the measurements that wait until their order is sure.
 
-    Readings are converted in order by `conversions`, of which times count from `origin` (ns).
+    Readings are converted in order by `conversions`.
 
     Raises ParameterError: A gyro cannot be on the frame that the parameters name.
 
@@ -177,10 +186,8 @@ class Intake:
         robot: Robot,
         named: Mapping[str, Instrument],
         conversions: Sequence[Conversion] = (),
-        origin: int = 0,
     ) -> None:
-        self._robot, self.instruments = robot, named
-        self._conversions, self._origin = conversions, origin
+        self._robot, self.instruments, self._conversions = robot, named, conversions
         self.joint_reader = JointReader(robot.model.independent_joints, config.wheels.names, config.flexible.joints)
         prefix, declared = config.frame_prefix, config.noise.declared
         self.odometry_reader = odometry_reader(robot.model, prefix, robot.marker, config.twist_frame, declared)
@@ -236,7 +243,7 @@ class Intake:
         self._refused += dropped_joints + dropped_base
         joints, base = self._without_copies(joints), self._pose_copies.push(base)
         for conversion in self._conversions:
-            joints = conversion.joints(joints, self._robot.inputs, self._origin)
+            joints = conversion.joints(joints, self._robot.inputs, len(self._robot.model.independent_joints))
             base = conversion.base(base)
         self.faults.add(joints, base)
         found = {}
@@ -316,7 +323,6 @@ class Segment:
     Parameters
     ----------
     conversions : of the readings, in order
-    origin : ns, stamp of the first sample, where there are any
     """
 
     def __init__(
@@ -327,7 +333,6 @@ class Segment:
         before: Continuation | None,
         *,
         conversions: Sequence[Conversion] = (),
-        origin: int = 0,
     ) -> None:
         self._config = config
         self._robot = robot
@@ -336,7 +341,7 @@ class Segment:
         model, described = robot.model, robot.kernel
         falling = falling_frame(config.orbit, model, located=config.located)
         named = instruments(config, model, None if falling is None else falling.to_falling_frame)
-        self.intake = Intake(config, robot, named, conversions, origin)
+        self.intake = Intake(config, robot, named, conversions)
         make = make or partial(make_estimator, before=before)
         method = partial(make, config, described, robot.known)
         self.track = TargetTrack(config.target, config.frame_prefix, falling)
@@ -453,15 +458,17 @@ class Recording:
     def __init__(self, *, kept: bool) -> None:
         self._kept: list[Given] | None = [] if kept else None
         self._backlog: deque[Given] = deque()
+        self.first: int | None = None  # ns, latest stamp when the first messages of it came
 
     @property
     def pending(self) -> bool:
         """Whether there is a backlog."""
         return bool(self._backlog)
 
-    def add(self, given: Given) -> None:
-        """Add what comes next."""
+    def add(self, given: Given, latest: int | None = None) -> None:
+        """Add what comes next; messages come with the latest stamp (ns)."""
         self._backlog.append(given)
+        self.first = latest if self.first is None else self.first
         if self._kept is not None:
             self._kept.append(given)
 
@@ -475,7 +482,7 @@ class Recording:
 
     def forget(self, *, kept: bool) -> None:
         """Forget what the segment has taken; keep what comes, or nothing any more."""
-        self._kept = list(self._backlog) if kept else None
+        self._kept, self.first = list(self._backlog) if kept else None, None
 
 
 class Session:
@@ -514,12 +521,14 @@ class Session:
         self.robot = Robot(config, urdf)
         self.config = replace(config, window=self.robot.window)
         self._declared = self.config, self.robot
+        self._earlier_robot: tuple[tuple[Repair, ...], Robot] = (), self.robot  # of repairs that the run has no more
         self._make = make
         self._before = before or read_continuation(config, urdf)
         self.reset()
 
     def reset(self) -> None:
         """Forget everything and start again."""
+        self.config, self.robot = self._declared
         self._named = inputs(self.config)
         slow = [name for name, each in self._named.items() if each.slow]
         self.queue = MessageQueue((JOINTS, ODOMETRY, *self._named), slow)
@@ -547,12 +556,12 @@ class Session:
         self.repairs: tuple[Repair, ...] = ()
         self._policy = RepairPolicy()
         self.config, self.robot = self._declared
-        self._open(0)
+        self._open()
 
-    def _open(self, origin: int) -> None:
-        """Open a segment; `origin` (ns) is the stamp of its first sample, where readings are converted."""
+    def _open(self) -> None:
+        """Open a segment."""
         self._segment = Segment(
-            self.config, self.robot, self._make, self._before, conversions=conversions(self.repairs), origin=origin
+            self.config, self.robot, self._make, self._before, conversions=conversions(self.repairs)
         )
         self.intake, self.thrust = self._segment.intake, self._segment.thrust
         if self.restarts and not self._carried:
@@ -601,7 +610,9 @@ class Session:
 
     def add_stored_momentum(self, message: Any) -> None:
         """Add a Vector3Stamped of the momentum that wheels or gyros store."""
-        self._give(partial(_add_stored_momentum, sample=vector_of(message)))
+        frame, stamp, momentum = vector_of(message)
+        sample = frame.removeprefix(self.config.frame_prefix), stamp, momentum
+        self._give(partial(_add_stored_momentum, sample=sample))
 
     def add_target_pose(self, message: Any) -> None:
         """Add a PoseStamped, PoseWithCovarianceStamped or Odometry of a frame on the target before its capture."""
@@ -621,8 +632,20 @@ class Session:
             found = self._take_next(new_only=not at_once)
             estimates = estimates + found if self.repairs == repairs else []  # those of a run that was given up go
             goes_on = at_once
+        self._forget_silence()
         ready, self._ready = self._ready, []
         return ready + estimates
+
+    def _forget_silence(self) -> None:
+        """Forget messages that no repair comes back to: estimates stopped long ago, or have not begun."""
+        newest = self.queue.latest
+        if not self._repairs_wanted or self._recording.pending or newest is None:
+            return
+        begun = self.collected > 0
+        since = self._segment.identifier.origin if begun else self._recording.first
+        if since is not None and newest - since > round(_SILENCE * 1e9):
+            self._policy.over = begun
+            self._recording.forget(kept=not begun)
 
     def finish(self) -> list[Estimate]:
         """Return the estimates of windows that wait for later ones, after the last `process` of a recording."""
@@ -669,8 +692,32 @@ class Session:
 
     @property
     def frames(self) -> Frames:
-        """The frames that its estimates are given in."""
-        return Frames(self.robot.target_link, self.intake.odometry_reader.frame, self.config.frame_prefix)
+        """The frames that its next estimates are given in."""
+        return self._frames(self.robot)
+
+    def frames_of(self, estimate: Estimate) -> Frames:
+        """Return the frames that an estimate is given in."""
+        return self._frames(self.robot_of(estimate))
+
+    def robot_of(self, estimate: Estimate) -> Robot:
+        """Return the robot of an estimate, as its repairs describe it; a segment after it has none of them."""
+        if estimate.repairs == self.repairs:
+            return self.robot
+        repairs, robot = self._earlier_robot
+        if repairs != estimate.repairs:
+            robot = Robot(repaired(self._declared[0], estimate.repairs), self._described(estimate.repairs))
+            self._earlier_robot = estimate.repairs, robot
+        return robot
+
+    def is_described_by(self, urdf: str) -> bool:
+        """Return whether a robot description is the one that this run was given."""
+        return urdf == self._declared[1].urdf
+
+    def _described(self, repairs: Sequence[Repair]) -> str:
+        return described(self._declared[1].urdf, repairs)
+
+    def _frames(self, robot: Robot) -> Frames:
+        return Frames(robot.target_link, self.intake.odometry_reader.frame, self.config.frame_prefix)
 
     @property
     def catching_up(self) -> bool:
@@ -722,6 +769,8 @@ class Session:
         stamp = stamp_of(message)
         jumped = self.queue.add(name, stamp, message)
         if jumped is None:
+            if self._recording.pending:  # windows of the segment are past: messages wait, to be taken many at once
+                return sum(self.queue.waiting.values()) >= PART
             return self._segment.is_due(name, stamp, self.queue)
         if jumped:
             self._ready = self.process(last=True)
@@ -747,7 +796,8 @@ class Session:
         self.received.update({name: number_of(each) for name, each in messages.items()})
         wrong = self.queue.dropped_by(BAD_NANOSEC).items()
         unstamped = [SPOKEN.get(name, name) for name, count in wrong if count]
-        self._recording.add(partial(Segment.process, messages=messages, last=last, unstamped=unstamped))
+        given = partial(Segment.process, messages=messages, last=last, unstamped=unstamped)
+        self._recording.add(given, self.queue.latest)
 
     def _give(self, given: Given) -> None:
         """Let the segment take something after everything that it was given before."""
@@ -789,14 +839,13 @@ class Session:
 
     def _repair(self, repair: Repair) -> bool:
         """Start the run again with one more repair; return whether its parameters can be used."""
-        origin = self._segment.identifier.origin
         before = self.config, self.robot, self.repairs
         try:
-            self.repairs = (*self.repairs, repair)
+            self.repairs = (*self.repairs, repair.since_sample(self._segment.identifier.origin))
             self.config = repaired(self._declared[0], self.repairs)
-            self.robot = Robot(self.config, described(self._declared[1].urdf, self.repairs))
-            self._open(origin)
-        except ParameterError:  # the parameters given do not go with it
+            self.robot = Robot(self.config, self._described(self.repairs))
+            self._open()
+        except (ModelError, ParameterError):  # robot or parameters given do not go with it
             self.config, self.robot, self.repairs = before
             return False
         self._policy, self._ready = RepairPolicy(), []

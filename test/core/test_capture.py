@@ -219,12 +219,15 @@ def test_known_momentum_depends_on_an_unknown_as_windows_off_by_it_show() -> Non
             known.add(replace(each, base_rotation=rotation, base_position=place, base_linear_velocity=velocity))
         return some(known.chaser()).momentum
 
-    known = KnownMomentum(chaser(), MID, 20)
+    known, by_poses = KnownMomentum(chaser(), MID, 20), KnownMomentum(chaser(), MID, 20)
     for each in far:
         known.add(each)
+        unknown = np.full(each.base_position.shape, np.nan)
+        by_poses.add(replace(each, base_linear_velocity=unknown, base_angular_velocity=unknown))
     mount = odometry_mount(1.0, 1.0)
     expected = central_difference(momentum, np.zeros(6), 1e-4)
     assert known.columns(mount) == pytest.approx(expected, abs=1e-3 * np.abs(expected).max())
+    assert by_poses.columns(mount) == pytest.approx(expected, abs=0.3 * np.abs(expected).max())
 
 
 BAG = CONFIG.parent / 'bags' / 'servicer7_mid'

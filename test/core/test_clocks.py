@@ -153,6 +153,23 @@ def test_halves_make_a_whole_at_the_stamps_of_the_first(rates: bool, error: floa
     assert merger.dropped == {NO_PARTNER: 1}
 
 
+@pytest.mark.parametrize('at_once', [1, 10, 200])
+def test_a_leader_that_comes_late_loses_nothing(at_once: int) -> None:
+    merger, used = merge(), 0
+    leads, follows = part((0, 1), TIME)[1], part((2, 3), TIME + 0.004)[1]
+    stamp = np.concatenate((leads.stamp + 25_000_000, follows.stamp))  # of arrival
+    order = np.argsort(stamp, kind='stable')
+    merger.push({(0, 1): leads[:1], (2, 3): follows[:0]})
+    for begin in range(0, len(order), at_once):
+        some_of = order[begin : begin + at_once]
+        of_leader = np.sort(some_of[(some_of < len(TIME)) & (some_of > 0)])
+        of_other = np.sort(some_of[some_of >= len(TIME)]) - len(TIME)
+        merged = merger.push({(0, 1): leads[of_leader], (2, 3): follows[of_other]})
+        used += 0 if merged is None else len(merged.stamp)
+    assert used == len(TIME) - 1
+    assert merger.dropped == {NO_PARTNER: 1}
+
+
 def test_a_slower_partner_sets_the_rate() -> None:
     merger = merge()
     merged = some(merger.push(dict([part((0, 1), TIME), part((2, 3), TIME[::5])])))

@@ -95,6 +95,16 @@ def test_readings_at_the_end_of_the_range_are_not_used() -> None:
     assert known.tolist() == [True, False, True, True]
 
 
+def test_the_range_is_that_of_the_gyros_own_axes() -> None:
+    times = np.arange(0.0, 500.0, 5.0)
+    rate = even(times)
+    rate[50] = 2.0, 0.0, 0.0
+    turn = exp(np.array([[0.0, 0.0, 0.8]]))[0]
+    gyro = RateIntegrator(GAP, largest=2.0)
+    gyro.push(replace(stream(times, rate @ turn.T), read=rate))
+    assert gyro.dropped == {SATURATED: 1}
+
+
 @pytest.mark.parametrize('pieces', [1, 7, 90])
 def test_an_axis_that_stays_the_same_while_it_turns_fast_is_stuck_from_its_eighth_reading_on(pieces: int) -> None:
     times = 5.0 * np.arange(90)

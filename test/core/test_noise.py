@@ -119,6 +119,25 @@ def test_errors_of_a_navigation_filter_are_found_whatever_is_declared(constant: 
             assert found.contradicted[2:].all()
 
 
+def test_neither_a_first_covariance_nor_a_missing_twist_decides_for_the_whole_run() -> None:
+    joints, base = drifting(1.0, 1.0, 0)
+
+    def found(read: BaseStream) -> FoundLevels:
+        levels = LevelEstimator(MID, joints.position.shape[1])
+        for piece in np.array_split(np.arange(len(read.stamp)), 7):
+            levels.add_readings(None, read[piece])
+        return levels.levels_at(ALL, 0.01, free=(False, False))
+
+    first, missing = base.pose_covariance.copy(), base.linear_velocity.copy()
+    first[0] *= 1e-3
+    missing[5, 0] = np.nan
+    whole, other = found(base), found(replace(base, pose_covariance=first))
+    assert other.times[0] == pytest.approx(whole.times[0], rel=0.3)
+    assert other.factor[2:4] == pytest.approx(whole.factor[2:4], rel=0.1)
+    drift = LevelEstimator(MID, joints.position.shape[1])._drift_of(replace(base, linear_velocity=missing))
+    assert np.isfinite(drift).all()
+
+
 def test_white_noise_that_is_small_is_not_taken_for_correlated() -> None:
     joints, base = streams(20.0, 100.0)
     large = replace(base, pose_covariance=100.0 * base.pose_covariance)

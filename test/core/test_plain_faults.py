@@ -14,7 +14,7 @@ from benchmarks.honesty.robots import in_millimetres
 from checked import some
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joints.faults import JointFaults, JointRates
-from mbaid_ros.core.odometry.faults import HELD, HeldBase, twist_check
+from mbaid_ros.core.odometry.faults import HELD, HeldBase, PlanarPoses, twist_check
 from mbaid_ros.core.pipeline import PlainFaults, WindowChecks
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
@@ -22,6 +22,7 @@ from mbaid_ros.core.robot.urdf import scale_lengths
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, Stamps
 from mbaid_ros.session.repairing import described
 from observed import HIGH, MID, configured_motion, kernel, observe, windows
+from random_robots import two_links
 from simulated import CONFIG, robot
 
 WITHOUT_LIMITS = (CONFIG / 'servicer7.urdf').read_text().replace('revolute', 'continuous')
@@ -335,6 +336,16 @@ def test_odometry_in_two_dimensions_of_a_robot_that_leaves_the_plane_is_named(
     estimate = faults.applied(Estimate('trajectory', 'estimating', 0.0, 10**18))
     assert (estimate.status == 'inconsistent') is named
     assert ('the odometry is in two dimensions' in ''.join(text for text, _ in estimate.causes)) is named
+
+
+@pytest.mark.parametrize(('axis', 'named'), [('1 0 0', False), ('0 0 1', True)])
+def test_a_joint_that_slides_within_the_plane_does_not_leave_it(axis: str, named: bool) -> None:
+    model = load_model(two_links('type="prismatic"', 'type="revolute"').replace('xyz="0 0 1"', f'xyz="{axis}"', 1))
+    planar, stamps = PlanarPoses(model), SPACING * np.arange(COUNT)
+    moving = np.column_stack((1e-2 * np.arange(COUNT), np.zeros(COUNT)))
+    planar.add_joints(model.joint_names, stamps, moving)
+    planar.add_poses(_poses(np.column_stack((moving, np.zeros(COUNT))), stamps))
+    assert bool(list(planar.found())) is named
 
 
 @pytest.mark.parametrize(('step', 'how'), [(10**9, 'they are whole seconds'), (10**8, 'they are rounded')])

@@ -32,6 +32,7 @@ from mbaid_ros.core.poses import (
     NamedPoseConfig,
     PoseCollector,
     PoseSensor,
+    Reference,
     pose_check,
     pose_drift,
     pose_errors,
@@ -314,6 +315,19 @@ def test_a_sensor_that_a_repair_leaves_out_has_a_row_that_says_so(monkeypatch: p
     assert np.array_equal(estimates[-1].std, last(said(0, 5.0, 'imu'), EXACT).std)
     _, mocap = sensor_rows(session, estimates[-1])
     assert (mocap.name, mocap.used, mocap.dropped) == ('poses.mocap', 0, {'left out by a repair': len(read)})
+    session.reset()  # it is read again
+    assert fed(session, [('poses.mocap', message) for _, _, message in read]) == []
+    assert session.dropped_of('poses.mocap') == {}
+
+
+def test_orientations_are_not_made_up_while_their_sensor_is_silent() -> None:
+    located, turned = (readings((1e9 * np.arange(0.0, 40.0, step)).astype(np.int64)) for step in (0.1, 0.5))
+    silent = (turned.stamp > 10 * 10**9) & (turned.stamp < 30 * 10**9)
+    made = some(Reference('camera', 'tracker', np.zeros(3)).push({'camera': located, 'tracker': turned[~silent]}))
+    assert not np.any((made.stamp > 10 * 10**9) & (made.stamp < 30 * 10**9))
+    assert (
+        len(made.stamp) == np.sum((located.stamp <= 10 * 10**9) | (located.stamp >= 30 * 10**9)) - 5
+    )  # that at 30 s among them
 
 
 def readings(stamps: Stamps) -> BaseStream:
@@ -421,16 +435,22 @@ def test_what_cannot_be_used_is_named_in_one_line(parameters: Mapping[str, objec
 def test_a_pose_is_read_off_by_its_errors_as_the_columns_say() -> None:
     """Mount, world, delay and scale at a generic pose that turns and moves."""
     (turned,), position, (angular, linear) = exp(generic(1, 1, 3)), generic(2, 3), generic(3, 2, 3)
+    origin = generic(4, 3)  # of the run, in the sensor's world
     unknown = pose_errors('mocap', NamedPoseConfig(), same_world=False)
 
     def read(errors: Array) -> Array:
         mount, placed, world, moved = np.split(errors[:12], 4)
         rotation = exp(world) @ exp(-errors[12] * angular) @ turned @ exp(mount)
-        where = exp(world) @ ((1.0 + errors[13]) * (position - errors[12] * linear + turned @ placed)) + moved
+        longer = errors[13] * (position + origin)
+        where = exp(world) @ (position - errors[12] * linear + turned @ placed + longer) + moved
         return np.concatenate((log(rotation @ turned.T), where - position))
 
     motion = SimpleNamespace(
-        time=np.zeros(1), rotation=turned[None], position=position[None], twist=np.concatenate((angular, linear))[None]
+        time=np.zeros(1),
+        origin=origin,
+        rotation=turned[None],
+        position=position[None],
+        twist=np.concatenate((angular, linear))[None],
     )
     columns = some(unknown.measured('poses.mocap', cast('Motion', motion)))[0]
     assert_derivative(columns, read, np.zeros(14))
@@ -469,14 +489,15 @@ def test_errors_of_a_pose_are_declared_as_large_as_they_are(
 
 
 def test_a_drift_moves_a_pose_as_a_world_that_turns_and_moves_does() -> None:
-    (turned,), position, time = exp(generic(1, 1, 3)), generic(2, 3), 7.0
+    (turned,), position, origin, time = exp(generic(1, 1, 3)), generic(2, 3), generic(4, 3), 7.0
     unknown = pose_drift('mocap', 'both', 1e-5, 1e-6)
 
     def read(rates: Array) -> Array:
         rotation = exp(time * rates[:3])
-        return np.concatenate((time * rates[:3], rotation @ position + time * rates[3:] - position))
+        from_world = position + origin
+        return np.concatenate((time * rates[:3], rotation @ from_world + time * rates[3:] - from_world))
 
-    motion = SimpleNamespace(time=np.array([time]), rotation=turned[None], position=position[None])
+    motion = SimpleNamespace(time=np.array([time]), origin=origin, rotation=turned[None], position=position[None])
     columns = some(unknown.measured('poses.mocap', cast('Motion', motion)))[0]
     assert_derivative(columns, read, np.zeros(6))
     part = pose_drift('mocap', 'orientation', 1e-5)

@@ -29,7 +29,7 @@ def joints() -> JointStream:
 
 def converted(conversion: Conversion) -> JointStream:
     """Return them as they are meant."""
-    (found,) = conversion.joints({(0, 1, 2): joints()}, NAMES, 0).values()
+    (found,) = conversion.joints({(0, 1, 2): joints()}, NAMES, 3).values()
     return found
 
 
@@ -99,7 +99,7 @@ def test_joints_of_several_publishers_are_exchanged_between_them() -> None:
     read = joints()
     shoulder = JointStream(read.stamp, read.position[:, :1], read.velocity[:, :1])
     parts: dict[tuple[int, ...], JointStream] = {(0,): shoulder}
-    found = Conversion(columns={'shoulder': 'wrist', 'wrist': 'shoulder'}).joints(parts, NAMES, 0)
+    found = Conversion(columns={'shoulder': 'wrist', 'wrist': 'shoulder'}).joints(parts, NAMES, 3)
     assert list(found) == [(2,)]
 
 
@@ -210,6 +210,21 @@ def test_a_unit_of_the_description_goes_with_wider_priors_of_as_likely_causes() 
 def test_a_repair_counts_only_as_far_as_it_is_wider_than_what_is_declared() -> None:
     assert ZERO.beyond({'known_joints.elbow.zero_std': 0.1}) is None
     assert ZERO.beyond({'known_joints.elbow.zero_std': 0.01}) == ZERO
+    assert ZERO.beyond({'known_joints.zero_std': 0.1}) is None  # of all joints
+    assert ZERO.beyond({'known_joints.zero_std': 0.1, 'known_joints.elbow.zero_std': 0.01}) == ZERO
     assert SIGN.beyond({}) == SIGN
     assert str(ZERO) == 'repaired: the zero of elbow is off (as if known_joints.elbow.zero_std were 0.05)'
     assert str(SIGN).endswith('(readings are converted)')
+
+
+def test_another_clock_leaves_the_speeds_of_wheels() -> None:
+    (found,) = Conversion(clock=1.02, origin=10**9).joints({(0, 1, 2): joints()}, NAMES, 2).values()
+    assert np.isfinite(found.velocity).all(axis=0).tolist() == [False, False, True]
+
+
+def test_times_of_a_repair_count_from_the_first_sample() -> None:
+    jump = Repair('jump', conversion=Conversion(steps=(('elbow', 35 * 10**9, 0.1),)), since=35.0)
+    counted = jump.since_sample(30 * 10**9)
+    assert (counted.since, some(counted.conversion).origin) == (5.0, 30 * 10**9)
+    assert counted.conversion == jump.conversion  # the same one, whenever it is found
+    assert ZERO.since_sample(7) == ZERO

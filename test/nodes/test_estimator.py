@@ -101,8 +101,9 @@ def check_that_it_goes_stale(graph: Graph, node: Process, live: list[Any], fresh
     graph.wait(lambda: late and bits(late[-1:]) == bits(live[-1:]), 'the latched estimate')
 
 
-def check_that_it_is_forgotten(graph: Graph, live: list[Any]) -> None:
+def check_that_it_is_forgotten(graph: Graph, live: list[Any], inertia: list[Any]) -> None:
     reset(graph)
+    graph.wait(lambda: np.isnan(inertia[-1].inertia.m), 'the end of the mass properties')
     graph.wait(lambda: live[-1].status == 'waiting', 'an estimate that waits')
     assert not live[-1].stale
     withdrawn = graph.collect('/estimator/inertia', InertiaStamped)
@@ -148,7 +149,7 @@ def test_a_run_is_that_of_the_core_to_the_last_bit_goes_stale_and_is_forgotten(g
     assert '/tf' not in dict(graph.node.get_topic_names_and_types())
 
     check_that_it_goes_stale(graph, node, live, closed()[-1])
-    check_that_it_is_forgotten(graph, live)
+    check_that_it_is_forgotten(graph, live, inertia)
     assert node.stop() == 0
 
 

@@ -167,6 +167,7 @@ def test_a_mapping_that_does_not_fit_is_one_line(
         ('t,x,y,yaw,q1,qd1,fx\n1,2', 'has 2 fields in line 2; accepted: 7'),
         (TABLE.replace('0.25', 'fast'), "has 'fast' in line 5; accepted: a number"),
         ('t,x,y,yaw,q1,qd1,fx\n1,2,3,4,5,"6', 'has 6 fields in line 2; accepted: 7'),
+        (TABLE.replace(',fx', ',x'), "is column 'x', which '"),
         (TABLE + ',' * 10_001, 'has more than 10000 separators in line '),
         ('t,x,y,yaw,q1,qd1,fx\n1,1,1,,1,1,1', "column 'yaw' of log '"),
         ('t,x,y,yaw,q1,qd1,fx\n1,1,1,,1,1,1\n2,,,1,1,1,1', "a number in the time and in every column of 'base'"),

@@ -12,6 +12,7 @@ import pytest
 from scipy.linalg import block_diag
 
 from benchmarks.precapture import free_model
+from checked import some
 from declarations import exact_but
 from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.clocks import ClockDrift, TimeOffset
@@ -212,6 +213,16 @@ def test_the_mass_of_the_whole_robot_is_known_as_well_as_it_was_weighed() -> Non
     assert total @ filtered.to_state @ mean == pytest.approx(2.0 * before / (before + weighed))
     with pytest.raises(ParameterError, match='accepted: both above 0, or none'):
         nominal_model(build(EstimatorConfig, {'known_links.total_mass': 3.0}), kernel)
+
+
+def test_what_is_known_of_the_target_link_is_its_own_before_a_capture() -> None:
+    parts = ('mass_relative_std', 'com_std', 'inertia_relative_std')
+    given: dict[str, object] = {f'known_links.link7.{part}': 0.05 for part in parts}
+    assert some(nominal_model(build(EstimatorConfig, given), ROBOT).declared.target).declared
+    captures: tuple[dict[str, object], ...] = ({'capture.time': 60.0}, {'capture.phase': 'pre_capture'})
+    for capture in captures:
+        config = build(EstimatorConfig, {**given, **capture})
+        assert not some(nominal_model(config, ROBOT).declared.target).declared
 
 
 @pytest.mark.parametrize(('excess', 'warned'), [(0.0, False), (0.2, True), (-0.2, True)])

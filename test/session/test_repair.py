@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import replace
 from typing import Any
 
@@ -15,6 +17,7 @@ from benchmarks.honesty.disturbed import CATALOGUE
 from benchmarks.honesty.readings import read
 from benchmarks.honesty.runs import published
 from benchmarks.honesty.worlds import float_freely
+from checked import some
 from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.repair import Conversion, Repair
@@ -25,7 +28,7 @@ from mbaid_ros.errors import ParameterError
 from mbaid_ros.parameters import build, values_of
 from mbaid_ros.sensor_messages import in_order
 from mbaid_ros.session.repairing import MOST, RepairPolicy, repaired
-from mbaid_ros.session.session import Session
+from mbaid_ros.session.session import PART, Session
 from sessions import URDF, session
 from unchanged import Unchanged
 
@@ -150,6 +153,58 @@ def test_a_repair_that_is_made_live_is_that_of_a_replay(monkeypatch: pytest.Monk
     second.reset()
     assert second.repairs == ()
     assert not values_of(second.config)['known_links.calibration']
+
+
+def test_messages_that_come_while_a_run_catches_up_are_taken_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    given, run = messages('sinusoids of the shipped robot', 7.0), started(repair=True)
+    repair_once(monkeypatch, SIGN)
+    take, behind, due = {'joint_states': run.add_joint_state, 'odom': run.add_odometry}, 0, 0
+    for topic, message in given:
+        wanted = take[topic](message)
+        behind, due = behind + run.catching_up, due + (run.catching_up and wanted)
+        if wanted:
+            run.process(at_once=False)
+    assert behind > 200
+    assert due * PART <= behind
+
+
+def test_times_of_a_repair_stay_where_they_are_when_another_one_follows(monkeypatch: pytest.MonkeyPatch) -> None:
+    cut = Repair('the reading of joint1 repeats', conversion=Conversion(left_out=((-0.5, 2.0),)))
+    left = iter([cut, SIGN])
+    monkeypatch.setattr(RepairPolicy, 'repair', lambda *_: next(left, None))
+    given, run = messages('sinusoids of the shipped robot', 7.0), started(repair=True)
+    replayed(run, given)
+    first, second = (some(each.conversion).origin for each in run.repairs)
+    assert second - first == pytest.approx(2e9, abs=3e7)
+    assert run.synchroniser is not None
+    assert run._segment.identifier.origin == second
+
+
+def test_an_estimate_is_of_the_link_that_its_repairs_name_also_where_the_stamps_have_jumped_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    given, run = messages('sinusoids of the shipped robot', 7.0), started(repair=True)
+    repair_once(monkeypatch, Repair('the body is on link6', {'target_link': 'link6'}))
+    last = replayed(run, [*given, *given[:40]])[-1]
+    assert run.restarted == 1
+    assert (run.frames_of(last).target_link, run.robot_of(last).kernel.target.name) == ('link6', 'link6')
+    assert run.frames.target_link == run.robot_of(Estimate('trajectory', 'waiting')).target_link == 'link7'
+    assert run.is_described_by(URDF)
+
+
+def test_messages_are_not_kept_for_a_run_without_estimates() -> None:
+    (message,) = (each for topic, each in messages('sinusoids of the shipped robot', 0.001) if topic == 'joint_states')
+    run, kept = started(repair=True), []
+    for second in range(0, 1500, 10):
+        later = deepcopy(message)
+        later.header.stamp.sec += second
+        kept.append(weakref.ref(later))
+        run.add_joint_state(later)
+        run.process()
+        del later
+    gone = [each() is None for each in kept]
+    assert all(gone[:60])
+    assert not all(gone)
 
 
 @pytest.mark.long

@@ -99,6 +99,9 @@ def test_momentum_in_another_frame_and_speeds_that_never_come_are_named() -> Non
     warnings = ' '.join(intake_warnings(into))
     assert OTHER_MOMENTUM_FRAME in warnings
     assert "'link3'; accepted: wheels.momentum_frame, 'base_link'" in warnings
+    into = session(wheels__momentum_frame='base_link', frame_prefix='link')
+    into.add_stored_momentum(next(each.message for each in messages if each.topic == 'stored_momentum'))
+    assert into.intake.stored_momentum.other_frame == '3'  # less the prefix
     into = session(**WHEELS)
     assert not feed(spinning(2.0, publish='none')[1], into)
     assert any('rw1' in warning for warning in intake_warnings(into))

@@ -402,7 +402,8 @@ def _rates(
         own = slice(begin, begin + each.value.shape[1])
         begin, covariance[:, own, own] = own.stop, each.covariance
         if each.joint_gain is not None:
-            joints[:, own] += np.sqrt(stack.joint_variance / stack.samples) * each.joint_gain
+            deviation = np.sqrt(stack.joint_variance / stack.samples)
+            joints[:, own] += layout.kernel.model.transmission.by_noise(deviation, each.joint_gain)
     common, overlap = joints @ np.swapaxes(joints, -1, -2), _joint_overlap(seen, course)
     covariance += telescoped(count, course.spacing) * (overlap * common if overlap.size else common)
     if noise.common.shape[-1]:

@@ -113,35 +113,44 @@ def _path(time: Array, rate: Array) -> Array:
 
 def reversed_joints(kernel: MomentumKernel) -> Iterator[Convention]:
     """Yield each joint with the other sign."""
-    order = np.arange(kernel.model.joints, dtype=np.int64)
-    for joint, name in enumerate(kernel.model.joint_names):
-        text = f'the sign of {name} is wrong: reverse it in the driver or the URDF'
-        turned = partial(_joints, change=partial(np.multiply, np.where(order == joint, -1.0, 1.0)))
-        yield Convention(text, kernel, turned, repair=converted(text, Conversion(factors={name: -1.0})))
+    names, read = kernel.model.joint_names, kernel.model.independent_joints
+    for name in names:
+        text, repair = f'the sign of {name} is wrong: reverse it in the driver or the URDF', None
+        change: Callable[[Array], Array] = partial(np.multiply, [-1.0 if each == name else 1.0 for each in names])
+        if name in read:
+            change = _of_readings(kernel, partial(np.multiply, [-1.0 if each == name else 1.0 for each in read]))
+            repair = converted(text, Conversion(factors={name: -1.0}))
+        yield Convention(text, kernel, partial(_joints, change=change), repair=repair)
 
 
 def swapped_joints(kernel: MomentumKernel) -> Iterator[Convention]:
     """Yield each pair of joints, the one in the place of the other."""
-    names, count = kernel.model.joint_names, kernel.model.joints
+    names, count = kernel.model.independent_joints, len(kernel.model.independent_joints)
     for one, other in combinations(range(count), 2) if count <= _MOST_PAIRS else ():
         swapped = np.arange(count, dtype=np.int64)
         swapped[[one, other]] = other, one
         text = f'{names[one]} and {names[other]} are swapped: check the names in the joint states'
         repair = converted(text, Conversion(columns={names[one]: names[other], names[other]: names[one]}))
-        yield Convention(
-            text, kernel, partial(_joints, change=partial(np.take, indices=swapped, axis=1)), repair=repair
-        )
+        change = _of_readings(kernel, partial(np.take, indices=swapped, axis=1))
+        yield Convention(text, kernel, partial(_joints, change=change), repair=repair)
+
+
+def _of_readings(kernel: MomentumKernel, change: Callable[[Array], Array]) -> Callable[[Array], Array]:
+    """Return a change of the joints that are read as one of all joints: others may mimic them."""
+    moved = kernel.model.transmission
+    return change if moved.direct else lambda position: moved.positions(change(position[:, moved.independent]))
 
 
 def joints_in_degrees(kernel: MomentumKernel) -> Iterator[Convention]:
     """Yield joint positions in degrees; none for a robot that only slides, which reads the same in either unit."""
-    degrees = np.where(kernel.model.prismatic, 1.0, np.deg2rad(1.0))
+    independent = kernel.model.transmission.independent
+    degrees = np.where(np.array(kernel.model.prismatic, dtype=bool)[independent], 1.0, np.deg2rad(1.0))
     if np.any(degrees != 1.0):
         text = 'the joint positions are in degrees: in ROS they are in radians'
-        names = kernel.model.joint_names
+        names = kernel.model.independent_joints
         turning = {name: float(factor) for name, factor in zip(names, degrees, strict=True) if factor != 1.0}
         repair = converted(text, Conversion(factors=turning))
-        change = partial(_joints, change=partial(np.multiply, degrees))
+        change = partial(_joints, change=_of_readings(kernel, partial(np.multiply, degrees)))
         yield Convention(text, kernel, change, joint_range=_TURN, repair=repair)
 
 
@@ -168,7 +177,9 @@ def stopped_readings(windows: Sequence[Window], joints: Sequence[str]) -> list[t
     The joint that stands still longest comes first.
     """
     still = np.array([np.ptp(window.knots.joint_position, axis=0) <= _SAME for window in windows])  # False of NaN
-    still[still.all(axis=1)] = False  # the robot may be at rest
+    rest = still.all(axis=1)  # the robot may be at rest
+    still[rest] = False
+    still &= ~still[~rest].all(axis=0)  # passive, locked or parked
     found = [place for place in np.argsort(-still.sum(axis=0), kind='stable') if still[:, place].any()]
     return [_stopped(windows, still[:, place], joints[place]) for place in found]
 
@@ -405,12 +416,13 @@ def _jumped(view: _View, place: int, joint: int) -> Repair:
     size = float(step[place - 2] - 0.5 * (step[place - 3] + step[place - 1]))
     name, unit = view.joints.names[joint], 'm' if view.joints.slides[joint] else 'rad'
     since = int(view.stamp[place - 1])
+    noise = float(np.sqrt(5.0)) * view.joints.noise  # of the size: four readings, by .5, 1.5, 1.5 and .5
     return Repair(
         f'the reading of {name} jumps by {1e3 * size:+.3g} m{unit}',
-        {f'known_joints.{name}.tracking_std': widened(view.joints.noise)},
+        {f'known_joints.{name}.tracking_std': widened(noise)},
         Conversion(steps=((name, since, size),)),
         value=size,
-        std=float(np.sqrt(1.5)) * view.joints.noise,
+        std=noise,
         unit=unit,
         since=1e-9 * (since - view.joints.first),
     )

@@ -523,7 +523,8 @@ def joint_noise(
     # At position level the turn of A itself remains, and F~ A dq.
     remainder = by_position[1] + slope @ middle - (last - first) / apart
     by_unknowns = gains_by_unknowns(layout, kernel, bodies[index[1]], middle[:, ANGULAR_FIRST])[:, ANGULAR_FIRST]
-    process, stored = deviation * length * remainder, np.zeros((*middle.shape[:-1], 0))
+    moved = kernel.model.transmission
+    process, stored = moved.by_noise(deviation * length, remainder), np.zeros((*middle.shape[:-1], 0))
     if kernel.storage.count:
         stored = by_readings(bodies[index[1]])
         samples = np.concatenate([stack.samples for stack in stacks])
@@ -540,7 +541,8 @@ def joint_noise(
     if swing is not None and layout.time_constants.size:
         more, added, jolts = of_swing(layout, kernel, bodies[index[1]], swing, (deviation, length))
         steps, stored = steps + more, np.concatenate((stored, np.sqrt(samples) / length * jolts), axis=-1)
-    noise = JointNoise(deviation * middle, deviation[..., None, :] * by_unknowns, process, stored, steps, added)
+    slopes = moved.by_noise(deviation[..., None, :], by_unknowns)
+    noise = JointNoise(moved.by_noise(deviation, middle), slopes, process, stored, steps, added)
     ends = np.cumsum([0, *(len(stack.windows) for stack in stacks)])
     return [noise[begin:end] for begin, end in pairwise(ends)]
 

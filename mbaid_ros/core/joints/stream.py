@@ -264,11 +264,12 @@ class JointMerge:
             return None
         until = min(part.waiting.stamp[-1] for part in (others or [leader]))
         ready = int(np.searchsorted(leader.waiting.stamp, until, side='right'))
+        last = leader.waiting.stamp[max(ready - 1, 0)]
         lead, leader.waiting = leader.waiting[:ready], leader.waiting[ready:]
         lead = lead[self._usable(lead.stamp, others)]
         merged = self._interpolated(lead, leader, others) if len(lead) else None
         for part in others:
-            pending = leader.waiting.stamp[0] if len(leader.waiting) else part.waiting.stamp[-1]
+            pending = leader.waiting.stamp[0] if len(leader.waiting) else last
             first = max(int(np.searchsorted(part.waiting.stamp, pending, side='right')) - 1, 0)
             part.waiting = part.waiting[first:]
         return merged

@@ -410,9 +410,10 @@ class PlanarPoses:
 
     def __init__(self, model: RobotModel) -> None:
         placed = Kinematics(model).configure(np.eye(3)[None], np.zeros((1, model.joints)))
-        upright = np.abs(placed.joint_twist[0, :, 5])
-        # A joint that turns about another axis than the base's z takes the base out of the plane.
-        self._tilting = {name for name, along in zip(model.joint_names, upright, strict=True) if along < _UPRIGHT}
+        twist = placed.joint_twist[0]
+        flat = np.where(model.prismatic, np.hypot(twist[:, 0], twist[:, 1]), np.abs(twist[:, 5]))
+        # A joint that turns about another axis than the base's z, or slides along it, takes the base out of the plane.
+        self._tilting = {name for name, along in zip(model.joint_names, flat, strict=True) if along < _UPRIGHT}
         self._first: dict[str, Array] = {}  # positions of base and joints at the begin
         self._since: dict[str, int] = {}  # ns, when the base moved, when it left the plane, and when a joint moved
         self._joint = ''

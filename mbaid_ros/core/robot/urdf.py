@@ -309,6 +309,18 @@ class Transmission:
         """Return the positions (..., n) of all joints at those (..., k) of the independent ones."""
         return values if self.direct else values[..., self.driver] * self.multiplier + self.offset
 
+    def by_noise(self, deviation: Array, columns: Array) -> Array:
+        """Return columns (..., n) by joints, times the deviation (..., n or 1) of what each is read by.
+
+        The columns of followers are in those of the joint that is read.
+        """
+        if self.direct:
+            return np.asarray(deviation * columns)
+        leaders = self.independent[self.driver]
+        follow = np.zeros((len(leaders), len(leaders)))
+        follow[np.arange(len(leaders)), leaders] = self.multiplier
+        return np.asarray((deviation[..., leaders if deviation.shape[-1] > 1 else [0]] * columns) @ follow)
+
     def rates(self, values: Array) -> Array:
         """Return the rates (..., n) of all joints at those (..., k) of the independent ones."""
         return values if self.direct else values[..., self.driver] * self.multiplier

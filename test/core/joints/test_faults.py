@@ -7,15 +7,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from checked import generic, some
 from mbaid_ros.core.clocks import StampPattern
 from mbaid_ros.core.geometry import Array, Flags
-from mbaid_ros.core.joints.faults import loose_joint_text, stopped_readings, swinging
+from mbaid_ros.core.joints.faults import (
+    loose_joint_text,
+    reversed_joints,
+    stopped_readings,
+    swapped_joints,
+    swinging,
+)
+from mbaid_ros.core.repair import Conversion
+from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import MomentumKernel
+from mbaid_ros.core.robot.urdf import Transmission
 from mbaid_ros.core.samples import Stamps
 from mbaid_ros.core.state import Layout
 from mbaid_ros.core.windows import AFTER, BEFORE, Window
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, observe
+from random_robots import two_links
 from windowed import JOINT as JOINT_NOISE
 from windowed import joint_window, window_model, window_of
 
@@ -52,6 +63,32 @@ def test_the_joint_that_stands_still_longest_comes_first_and_few_times_are_repor
 @pytest.mark.parametrize('still', [np.zeros((5, 3), dtype=bool), np.ones((5, 3), dtype=bool)])
 def test_nothing_is_found_where_all_move_or_all_rest(still: Flags) -> None:
     assert stopped_readings(standing(still), JOINTS) == []
+
+
+def test_joints_that_never_move_are_not_named() -> None:
+    still = np.zeros((9, 3), dtype=bool)
+    still[:, 0] = still[3:5, 1] = True
+    assert [text.split()[3] for text, *_ in stopped_readings(standing(still), JOINTS)] == ['elbow']
+
+
+def test_a_follower_has_no_readings_to_convert_and_moves_with_its_leader() -> None:
+    text = two_links('type="revolute"', 'type="revolute"', '<mimic joint="j1" multiplier="-2" offset="0.1"/>')
+    follows = MomentumKernel(load_model(text), 'link2')
+    assert follows.model.independent_joints == ('j1',)
+    first, second = reversed_joints(follows)
+    assert some(first.repair).conversion == Conversion(factors={'j1': -1.0})
+    assert second.repair is None
+    (window,) = first.windows([joint_window(np.array([[0.3, -0.5]] * KNOTS), 0.0)])
+    assert window.knots.joint_position[0] == pytest.approx([-0.3, 0.7])
+    assert list(swapped_joints(follows)) == []
+
+
+def test_a_followers_noise_is_that_of_its_leader() -> None:
+    moved = Transmission(np.array([0]), np.array([0, 0]), np.array([1.0, -2.0]), np.zeros(2), direct=False)
+    columns = generic(5, 6, 2)
+    found = moved.by_noise(np.array([0.3, 7.0]), columns)
+    assert found[:, 0] == pytest.approx(0.3 * (columns[:, 0] - 2.0 * columns[:, 1]))
+    assert not found[:, 1].any()
 
 
 def test_a_reading_that_is_missing_does_not_stand_still() -> None:

@@ -176,6 +176,20 @@ def test_a_second_source_comes_between_the_readings(late: float, unchanged: Unch
     unchanged.values(found=found)
 
 
+def test_the_size_of_a_jump_is_as_uncertain_as_four_readings_make_it() -> None:
+    rng, off = np.random.default_rng(3), []
+    for _ in range(40):
+        position = 0.4 * np.sin(0.3 * TIME[:, None] + np.arange(4.0)) + NOISE * rng.normal(size=(COUNT, 4))
+        position[100:, 0] += 0.05
+        found = JointFaults(MODEL, range(4), NOISE).add(
+            JointStream(SPACING * np.arange(COUNT), position, np.full(position.shape, np.nan))
+        )
+        (repair,) = (each[3] for each in found if each[3] is not None and each[3].conversion is not None)
+        value, std = (float(np.array(each, dtype=float)) for each in (repair.value, repair.std))
+        off.append((value - 0.05) / std)
+    assert np.sqrt(np.mean(np.square(off))) == pytest.approx(1.0, abs=0.3)
+
+
 def test_a_step_beside_a_missing_message_is_no_jump(unchanged: Unchanged) -> None:
     found = []
     for place in range(96, 104):
