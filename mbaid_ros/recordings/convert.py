@@ -34,7 +34,7 @@ _OF_THE_LOG_ALONE = {
 
 _DESCRIPTION = """\
 Make an MCAP bag of a log. If the format has them, the folder also gets robot.urdf, with the source of every number,
-estimator.yaml, with parameters for replay, and truth.json.
+estimator.yaml, with parameters for replay, and truth.json or weighed.json.
 
   tudelft-throw *.BFL or CSV of TU Delft's throwing device: gyro, accelerometer and flywheel in free flight, no pose
   spot-2021     *__stitched.mat of Carleton University's SPOT: planar chaser, commanded arm, thrusters off

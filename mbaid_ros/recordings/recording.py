@@ -22,6 +22,7 @@ JOINT_STATES, ODOMETRY, THRUST, IMU = '/joint_states', '/odom', '/thrust', '/imu
 STORED_MOMENTUM = '/stored_momentum'
 DESCRIPTION = '/robot_description'
 MODEL_FILE, PARAMETER_FILE, TRUTH_FILE = 'robot.urdf', 'estimator.yaml', 'truth.json'
+_WEIGHED_FILE = 'weighed.json'  # of a truth that is a few weighings, which reports do not read
 ODOMETRY_FRAME = 'odom'
 _LATEST = 4e9  # s, about the largest stamp
 
@@ -38,7 +39,7 @@ class Recording:
     named: tuple[Imu | NamedPoses, ...] = ()  # further gyros and poses, each on a topic of its own
     robot: str = ''  # URDF of the robot that was flown
     parameters: str = ''  # text of a parameter file of the estimator
-    truth: dict[str, Any] = field(default_factory=dict)  # content of `truth.json`
+    truth: dict[str, Any] = field(default_factory=dict)  # content of `truth.json`, or of `weighed.json`
     notes: tuple[str, ...] = ()  # for the user, in words
     span: tuple[float, float] = (-math.inf, math.inf)  # s, begin and end of the part that is of use
 
@@ -74,7 +75,9 @@ def write_recording(recording: Recording, path: Path) -> int:
     texts = {
         MODEL_FILE: recording.robot,
         PARAMETER_FILE: recording.parameters,
-        TRUTH_FILE: json.dumps(recording.truth, indent=2) + '\n' if recording.truth else '',
+        _WEIGHED_FILE if 'weighed' in recording.truth else TRUTH_FILE: (
+            json.dumps(recording.truth, indent=2) + '\n' if recording.truth else ''
+        ),
     }
     for name, text in texts.items():
         if text:

@@ -40,7 +40,7 @@ def test_poses_and_commands_become_messages(tmp_path: Path) -> None:
     assert len(thrust) == 6  # at the begin, and again every 0.48 s
     assert {message.wrench.force.x for message in thrust} == {FORCES[0], FORCES[2]}
     assert load_model((tmp_path / 'bag' / 'robot.urdf').read_text()).joints == 0
-    assert '23.09' in (tmp_path / 'bag' / 'truth.json').read_text()
+    assert '23.09' in (tmp_path / 'bag' / 'weighed.json').read_text()
 
 
 @pytest.mark.parametrize('command', ['[1, 0]', '[2, 0, 1, 0, 0, 0, 0, 0]', 'on'])
@@ -54,7 +54,8 @@ def test_the_interval_of_the_shipped_recording_holds_what_was_weighed(tmp_path: 
     assert found['status'] == 'estimating'
     assert all(abs(mass - each) < 1.96 * std for each in WEIGHED)
     assert std < 2.5
-    assert json.loads((SHIPPED / 'truth.json').read_text())['weighed']['mass'] == list(WEIGHED)
+    assert json.loads((SHIPPED / 'weighed.json').read_text())['weighed']['mass'] == list(WEIGHED)
+    assert not any('cannot be used' in warning for warning in found['warnings'])
     assert 'Permission is hereby granted' in (SHIPPED / 'LICENSE').read_text()
 
 
