@@ -27,7 +27,6 @@ class Row:
     robot: str
     approach: float
     times: tuple[float, ...]
-    share: int  # of how many seeds one is run
 
     @property
     def name(self) -> str:
@@ -36,10 +35,10 @@ class Row:
 
 
 ROWS = [
-    Row(robot, approach, times, share)
-    for times, shares in (((REST,), (3, 1)), ((REST + 10.0, REST + 30.0), (3, 3)), ((REST + 60.0,), (15, 15)))
+    Row(robot, approach, times)
+    for times in ((REST,), (REST + 10.0, REST + 30.0, REST + 60.0))
     for robot in ('servicer7', 'table1')
-    for approach, share in zip((0.005, 0.05), shares, strict=True)
+    for approach in (0.005, 0.05)
 ]
 
 
@@ -123,9 +122,11 @@ def main() -> None:
     """Run the benchmark."""
     frame = Frame(__doc__, 'measured/accuracy.md', seeds=50)
     rows = frame.chosen(ROWS, lambda row: row.name)
-    seeds = {row: frame.arguments.seeds // row.share for row in rows}
-    files = {row: row.name for row in rows if seeds[row]}
-    found = [line for row, outcome in frame.outcomes(Outcome, run, files, seeds) for line in lines(row, outcome)]
+    found = [
+        line
+        for row, outcome in frame.outcomes(Outcome, run, {row: row.name for row in rows})
+        for line in lines(row, outcome)
+    ]
     text = table(_HEADER, found)
     print(text)
     frame.write(tracked=f'{text}\n\n{provenance()}')

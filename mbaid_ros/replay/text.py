@@ -125,8 +125,11 @@ def verdict(run: Run) -> str:
 
 def offered_repair(run: Run) -> list[str]:
     """Return that option --repair would take the leading cause into account, where it would."""
+    leading = leading_repair(run.final.likely_causes, run.final.remedies)
+    if leading is None:
+        return []
     settings = cast('Mapping[str, Setting]', run.settings)
-    found = admitted(leading_repair(run.final.likely_causes, run.final.remedies), settings)
+    found = admitted(leading, settings)
     if found is None or settings['repair'] or obstacles(settings):
         return []
     return [f'--repair takes the leading cause into account ({found.how}), and goes on']

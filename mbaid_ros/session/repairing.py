@@ -38,9 +38,9 @@ def obstacles(settings: Mapping[str, Setting]) -> list[str]:
     return [text for text, present in found.items() if present]
 
 
-def admitted(repair: Repair | None, settings: Mapping[str, Setting]) -> Repair | None:
+def admitted(repair: Repair, settings: Mapping[str, Setting]) -> Repair | None:
     """Return the part of a repair that a run of these parameters lacks, and can take; None where there is none."""
-    found = None if repair is None else repair.beyond(settings)
+    found = repair.beyond(settings)
     names = () if found is None else found.parameters or ()
     if settings['known_links.calibration'] and any(name.startswith(_CALIBRATED) for name in names):
         return None
@@ -90,7 +90,7 @@ class RepairPolicy:
         if self.over or len(taken) == MOST or self._contradicted < _PERSISTENT:
             return None
         found = leading_repair(estimate.causes, estimate.remedies, several=self._contradicted >= _AMBIGUOUS)
-        found = admitted(found, values_of(config))
+        found = None if found is None else admitted(found, values_of(config))
         if found is None or any(found.conversion == each.conversion is not None for each in taken):
             return None
         return found
