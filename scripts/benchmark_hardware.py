@@ -247,7 +247,7 @@ ALL = (
         'spot-2021',
     ),
     Recordings(
-        'SPOT, 2023, 20 s',  # the arm unfolds; to the end a log takes ten minutes
+        'SPOT, 2023, 20 s',  # the arm unfolds; to the end a log takes many minutes
         {'mass': (0.111,)},
         'the hand alone, 0.11 kg',
         'three of them',

@@ -310,7 +310,7 @@ class Transmission:
         return values if self.direct else values[..., self.driver] * self.multiplier + self.offset
 
     def by_noise(self, deviation: Array, columns: Array) -> Array:
-        """Return columns (..., n) by joints, times the deviation (..., n or 1) of what each is read by.
+        """Return columns (..., n) by joints, times the deviation (..., n or 1) of each joint's reading.
 
         The columns of followers are in those of the joint that is read.
         """

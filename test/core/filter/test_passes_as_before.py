@@ -40,7 +40,7 @@ HYPOTHESES = hypotheses(900.0, 1e-3, 'none', adapt=True)
 
 
 def sums(value: Any) -> Iterator[Any]:
-    """Yield an array as two sums with generic weights; of what holds arrays, those of each."""
+    """Yield an array as two sums with generic weights; of an object with arrays, those of each."""
     if isinstance(value, np.ndarray):
         weights = np.random.default_rng(value.size).uniform(0.3, 1.0, (2, value.size))
         yield weights @ np.nan_to_num(value.ravel().astype(float), posinf=1.0)
