@@ -71,6 +71,7 @@ _NOWHERE = -1  # index of an entry not found
 _ONCE_MORE = 256  # rotations, after which rounding is taken off: it has grown to some 1e-14 by then
 BIAS, STRETCH, TURN, CROSS, LATE = GYRO = ('gyro bias', 'gyro scale', 'gyro mount', 'gyro cross-axis', 'gyro delay')
 DRIFT = 'gyro drift'
+_SCALES, _CROSSES = range(3, 6), range(9, 12)  # places of the scales and of the cross-axis sensitivities
 _LATE = 12  # place of the delay: as many numbers are before it
 _OFF = 0.02  # part of the motion that a declared error of the gyro's scale or mount may make
 _DRIFT_TIME = 30.0  # s, in which a walk of the bias goes as far as a drift that is found
@@ -109,7 +110,8 @@ class GyroConfig:
     repeat to the last bit are not used."""
     frame: str = parameter('')
     """Link that carries the IMU and whose axes it measures in: on the base or moved by joints, such as the target; not
-    by a joint of flexible.joints. Empty: the frame_id of the messages, a link on the base."""
+    by a joint of flexible.joints. Empty: the frame_id of the messages, a link on the base; set it for an IMU askew to
+    the base, as scales are about its axes."""
 
 
 @dataclass(frozen=True)
@@ -334,6 +336,7 @@ class GyroErrors:
     alone: bool = False  # whether it alone observes the orientation, which windows are linearised along
     with_orientation: bool = False  # whether the IMU measures the orientation, too, in the same axes
     link: Link | None = None  # that the IMU is on, where joints move it; None on the base
+    axes: Array = field(default_factory=lambda: np.eye(3))  # of its sensitivity, in the axes that it is read in
     name: str = IMU  # of its parameters
     among: bool = False  # whether its labels carry its name, as there are others
 
@@ -428,7 +431,9 @@ class Gyro(Unknown):
         """Return bias and scale of its reading about the normal, and the delay."""
         normal = self._normal(detector)
         basis = np.zeros((13, 3))
-        basis[:3, 0], basis[3:6, 1], basis[_LATE, 2] = normal, normal**2 / np.linalg.norm(normal**2), 1.0
+        of_scale = np.concatenate((normal**2, crossed(normal) @ normal))
+        basis[:3, 0], basis[_LATE, 2] = normal, 1.0
+        basis[[*_SCALES, *_CROSSES], 1] = of_scale / np.linalg.norm(of_scale)
         return basis
 
     def _normal(self, detector: PlaneDetector) -> Array:
@@ -461,7 +466,20 @@ def gyro(errors: GyroErrors | None) -> Gyro:
     wandering[:3] = own.walk * np.eye(3)
     of = f':{topic_of(own.name)}' if own.among or own.name != IMU else ''
     labels = tuple(f'{label}{of}' for label in (*np.repeat(GYRO[:4], 3).tolist(), LATE))
-    return Gyro(diagonal(deviations), labels, wandering[:, : 3 * (own.walk > 0.0)], own)
+    factor = (_turned(own.axes) * deviations)[:, deviations > 0.0]
+    return Gyro(factor, labels, wandering[:, : 3 * (own.walk > 0.0)], own)
+
+
+def _turned(axes: Array) -> Array:
+    """Return the (13, 13) numbers, in the axes of the readings, by those in the (3, 3) axes A of the sensitivity.
+
+    Scales s and cross-axis sensitivities c make the symmetric matrix A (diag(s) + X(c)) A^T.
+    """
+    turned = np.eye(13)
+    each = np.stack([axes @ own @ axes.T for own in (*map(np.diag, np.eye(3)), *crossed(np.eye(3)))], axis=-1)
+    sensitivity = (*_SCALES, *_CROSSES)
+    turned[np.ix_(sensitivity, sensitivity)] = np.concatenate((each[[0, 1, 2], [0, 1, 2]], each[[1, 0, 0], [2, 2, 1]]))
+    return turned
 
 
 @dataclass(frozen=True, eq=False)
@@ -560,6 +578,7 @@ class GyroSensor:
     density: float  # rad/s/sqrt(Hz) of its noise
     columns: slice  # of its integral in `Samples.further`
     link: Link | None = None  # that it is on, where joints move it; None on the base
+    axes: Array = field(default_factory=lambda: np.eye(3))  # its own, in those that it is read in
     moved_by: Array = field(default_factory=lambda: np.zeros(0))  # (n,) 1 of each joint that moves this link, else 0
     before: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (n, n) as of the robot's kinematics
 
@@ -659,16 +678,16 @@ def gyro_sensors(
     ----------
     frame_prefix, passive : as of `sensor_link`
     """
-    return tuple(
-        gyro_sensor(
-            name,
-            config.noise_density,
-            model,
-            imu_link(config, model, frame_prefix, name, passive),
-            slice(3 * place, 3 * place + 3),
-        )
-        for place, (name, config) in enumerate(gyros.items())
-    )
+    found = []
+    for place, (name, config) in enumerate(gyros.items()):
+        link = imu_link(config, model, frame_prefix, name, passive)
+        columns = slice(3 * place, 3 * place + 3)
+        if link is None or link.body:
+            found.append(gyro_sensor(name, config.noise_density, model, link, columns))
+        else:
+            sensor = gyro_sensor(name, config.noise_density, model, None, columns)
+            found.append(replace(sensor, axes=link.rotation))
+    return tuple(found)
 
 
 def gyro_sensor(
@@ -677,7 +696,7 @@ def gyro_sensor(
     """Return a gyro as a sensor; arguments as of `GyroSensor`, and the robot's model."""
     kinematics = Kinematics(model)
     moved_by = np.zeros(model.joints) if link is None else kinematics.ancestors[link.body]
-    return GyroSensor(name, density, columns, link, moved_by, kinematics.before)
+    return GyroSensor(name, density, columns, link, moved_by=moved_by, before=kinematics.before)
 
 
 def angular_momentum(kernel: MomentumKernel, target: Array, windows: Sequence[Window]) -> Array:
@@ -790,7 +809,7 @@ class ImuReader:
 def imu_link(
     config: GyroConfig, model: RobotModel, frame_prefix: str, name: str = IMU, passive: Collection[str] = ()
 ) -> Link | None:
-    """Return the link of an IMU that joints move; None on the base.
+    """Return the link of an IMU; None if its messages name one on the base.
 
     Raises ParameterError: There is no such link, joints that nothing reads move it, or it measures alone on the arm.
 
@@ -807,7 +826,7 @@ def imu_link(
             f"parameter '{name}.frame' is '{config.frame}', and 'imu.alone' is true; accepted: "
             f'{listing(each.name for each in model.links if not each.body)}'
         )
-    return link if link.body else None
+    return link
 
 
 def gyro_instruments(
@@ -872,6 +891,7 @@ def declared_gyro(config: GyroConfig, sensor: GyroSensor, *, among: bool = False
         alone=alone and not oriented,
         with_orientation=oriented,
         link=sensor.link,
+        axes=sensor.axes,
         name=sensor.name,
         among=among,
     )

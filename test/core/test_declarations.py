@@ -12,7 +12,7 @@ import pytest
 from checked import generic
 from mbaid_ros.core.contracts import NominalModel, deviation_text, underestimated_text
 from mbaid_ros.core.forces import DisturbanceModel, disturbances, thrusters
-from mbaid_ros.core.geometry import Array, exp, rotate
+from mbaid_ros.core.geometry import Array, crossed, exp, rotate
 from mbaid_ros.core.gyro import GyroErrors, gyro
 from mbaid_ros.core.passive import implausible_springs, resolved, spring_errors, starting_swing, swing_noise
 from mbaid_ros.core.robot.model import PlaneDetector
@@ -140,6 +140,22 @@ def test_a_gyro_in_a_plane_reads_about_the_normal() -> None:
     to_plane = in_plane_map(unknown, seen)
     assert seen.factor @ to_plane @ to_plane.T @ seen.factor.T == pytest.approx(seen.factor @ seen.factor.T)
     assert in_plane_map(seen, seen).tolist() == np.eye(3).tolist()
+
+
+def test_scales_of_a_gyro_are_about_its_own_axes() -> None:
+    axes, rate, errors = exp(generic(0, 3)), generic(1, 3), generic(2, 6)
+    unknown = gyro(GyroErrors(scale=0.2, cross=0.6, axes=axes))
+    sensitivity = np.diag(0.2 * errors[:3]) + 0.6 * crossed(errors[3:])
+    numbers = unknown.factor @ errors
+    read = numbers[3:6] * rate + crossed(rate) @ numbers[9:12]
+    assert read == pytest.approx(axes @ sensitivity @ axes.T @ rate)
+    seen = unknown.in_plane(PLANE).factor
+    normal = np.array([0.0, 0.0, 1.0])
+    about_normal = [seen[3:6].T @ normal**2, seen[9:12].T @ crossed(normal) @ normal]
+    along = axes.T @ normal
+    assert np.sum(np.sum(about_normal, axis=0) ** 2) == pytest.approx(
+        0.04 * np.sum(along**4) + 0.36 * np.sum((crossed(along) @ along) ** 2)
+    )
 
 
 def test_a_gyro_is_linear_unless_it_alone_observes_the_orientation() -> None:

@@ -16,11 +16,16 @@ from mbaid_ros.core.gyro import (
     DRIFT,
     SATURATED,
     DeadReckoning,
+    GyroErrors,
+    ImuConfig,
     RateIntegrator,
     _preintegrated,
+    declared_gyro,
     drifting_gyro,
+    gyro,
     gyro_check,
     gyro_sensor,
+    gyro_sensors,
 )
 from mbaid_ros.core.joints.stream import JointMerge
 from mbaid_ros.core.odometry.model import parabolic_weights
@@ -370,3 +375,13 @@ def test_white_noise_of_a_gyro_is_as_large_in_a_window_as_its_weights_make_it(co
     offset = (sharp.shape[1] - count) // 2
     window = sharp[:, offset : offset + count] @ parabolic_weights(count)
     assert np.var(window) == pytest.approx(_preintegrated(count, spacing), rel=0.2)
+
+
+def test_a_gyro_askew_to_the_base_has_scales_about_the_axes_of_its_frame() -> None:
+    askew = replace(SERVICER.links[0], name='imu_link', rotation=exp(np.array([0.1, -0.2, 0.7])))
+    model = replace(SERVICER, links=(*SERVICER.links, askew))
+    config = ImuConfig(noise_density=1e-4, frame='imu_link', scale_std=0.02)
+    (sensor,) = gyro_sensors({'imu': config}, model, '')
+    assert sensor.link is None
+    scales = gyro(GyroErrors(scale=0.02, axes=askew.rotation)).factor
+    assert declared_gyro(config, sensor).factor[:, 3:6] == pytest.approx(scales)
