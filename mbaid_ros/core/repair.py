@@ -177,6 +177,11 @@ class Repair:
         """Whether it leaves out a sensor by name."""
         return self.conversion is None and bool(self.parameters) and not any((self.parameters or {}).values())
 
+    def corrects_twist(self, other: Repair) -> bool:
+        """Return whether it converts the poses that the twist, which the other leaves out, seems to contradict."""
+        of_twist = other.conversion == Conversion(with_twist=False)
+        return of_twist and self.conversion is not None and self.conversion.of_poses
+
     @property
     def how(self) -> str:
         """The declaration or conversion, in words."""
@@ -204,6 +209,11 @@ class Repair:
             name: value for name, value in self.parameters.items() if not _covers(_given(settings, name), name, value)
         }
         return replace(self, parameters=new) if new or self.conversion is not None else None
+
+
+def joined(repairs: Sequence[Repair], further: Repair) -> tuple[Repair, ...]:
+    """Return repairs with a further one, and without those that only its cause had called for."""
+    return (*(each for each in repairs if not further.corrects_twist(each)), further)
 
 
 def shown(value: Setting) -> str:

@@ -26,7 +26,7 @@ from mbaid_ros.core.orbit import falling_frame
 from mbaid_ros.core.outliers import Copies
 from mbaid_ros.core.pipeline import Estimator, Identifier, PlainFaults, Synchroniser, WindowChecks
 from mbaid_ros.core.poses import REFERENCE_GAP, PoseSensor, pose_check, reference
-from mbaid_ros.core.repair import Conversion, Repair
+from mbaid_ros.core.repair import Conversion, Repair, joined
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import BaseStream, Input, JointStream, Packets, number_of, stamp_of, stamps_of
 from mbaid_ros.core.target import TargetTrack
@@ -841,7 +841,7 @@ class Session:
         """Start the run again with one more repair; return whether its parameters can be used."""
         before = self.config, self.robot, self.repairs
         try:
-            self.repairs = (*self.repairs, repair.since_sample(self._segment.identifier.origin))
+            self.repairs = joined(self.repairs, repair.since_sample(self._segment.identifier.origin))
             self.config = repaired(self._declared[0], self.repairs)
             self.robot = Robot(self.config, self._described(self.repairs))
             self._open()

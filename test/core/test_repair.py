@@ -9,7 +9,7 @@ from checked import some
 from mbaid_ros.core.forces import DisturbanceModel, disturbance_repair
 from mbaid_ros.core.geometry import Array, exp, mirror, rotation_from_quaternion
 from mbaid_ros.core.links import densities, known_bodies
-from mbaid_ros.core.repair import Conversion, Repair, leading_repair, widened
+from mbaid_ros.core.repair import Conversion, Repair, joined, leading_repair, widened
 from mbaid_ros.core.robot.body import physical, standard
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, JointStream
@@ -220,6 +220,19 @@ def test_a_repair_counts_only_as_far_as_it_is_wider_than_what_is_declared() -> N
 def test_another_clock_leaves_the_speeds_of_wheels() -> None:
     (found,) = Conversion(clock=1.02, origin=10**9).joints({(0, 1, 2): joints()}, NAMES, 2).values()
     assert np.isfinite(found.velocity).all(axis=0).tolist() == [False, False, True]
+
+
+def test_a_twist_left_out_for_poses_that_were_wrong_is_no_repair_any_more() -> None:
+    twist, joint = (
+        Repair('twist', conversion=Conversion(with_twist=False)),
+        Repair('joint', {'known_joints.zero_std': 1.0}),
+    )
+    poses, sign = (
+        Repair('pose', conversion=each) for each in (Conversion(pose='w first'), Conversion({'elbow': -1.0}))
+    )
+    assert joined([twist, joint], poses) == (joint, poses)
+    assert joined([twist, joint], sign) == (twist, joint, sign)
+    assert joined([poses], twist) == (poses, twist)
 
 
 def test_times_of_a_repair_count_from_the_first_sample() -> None:

@@ -154,7 +154,9 @@ def ranked(
         )
         repair = Repair(f'the joints are {joint_noise:.1f} times as noisy as specified', FOUND_NOISE, value=joint_noise)
         causes.append(Cause(text, 0.5 * float(innovations.count @ (ratio - 1.0 - np.log(ratio))), repair))
-    return tuple(sorted(causes, key=lambda cause: -cause.gain))
+    causes.sort(key=lambda cause: -cause.gain)
+    leading = causes[0].repair if causes else None
+    return tuple(each for each in causes if not (leading and each.repair and leading.corrects_twist(each.repair)))
 
 
 def candidate_cause(

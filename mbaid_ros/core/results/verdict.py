@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags, chi_square_limit, skew
-from mbaid_ros.core.repair import Conversion, Repair, Setting
+from mbaid_ros.core.repair import Repair, Setting
 from mbaid_ros.core.results.estimate import PARAMETERS, WITHHELD, Estimate, Status
 from mbaid_ros.core.results.innovations import BASE_SENSORS, SIGNIFICANT, Innovations, widening
 from mbaid_ros.core.robot.body import (
@@ -117,15 +117,14 @@ def with_reasons(estimate: Estimate, reasons: Sequence[Reason]) -> Estimate:
     status, causes, warnings = estimate.status, estimate.causes, [*estimate.warnings]
     withheld, remedies = 0, dict(estimate.remedies)
     for reason in reasons:
-        warnings.append(reason.text)
+        follows = _follows(reason, causes, remedies)
+        warnings += [] if follows else [reason.text]
         if reason.severity == 'contradiction' and status == 'not_identifiable':
             withheld = len(warnings)
         elif reason.severity != 'note':
             status = 'inconsistent'
-        if reason.gain is not None and (causes or withheld or status == 'inconsistent'):
-            causes = tuple(each for each in causes if each[0] != reason.text)
-            place = int(_follows(reason, causes, remedies))
-            causes = (*causes[:place], (reason.text, reason.gain), *causes[place:])
+        if not follows and reason.gain is not None and (causes or withheld or status == 'inconsistent'):
+            causes = ((reason.text, reason.gain), *(each for each in causes if each[0] != reason.text))
             remedies |= {} if reason.repair is None else {reason.text: reason.repair}
     if withheld:
         warnings.insert(withheld, WITHHELD)
@@ -142,8 +141,7 @@ def _follows(reason: Reason, causes: Sequence[tuple[str, float]], remedies: Mapp
     if leading is None or reason.repair is None or reason.gain is None:
         return False
     if leading.conversion is not None:
-        of_twist = reason.repair.conversion == Conversion(with_twist=False)
-        return of_twist and leading.conversion.of_poses and causes[0][1] > _FOLLOWS * reason.gain
+        return leading.corrects_twist(reason.repair) and causes[0][1] > _FOLLOWS * reason.gain
     own = reason.repair.parameters
     if not (own and leading.leaves_out and own != leading.parameters):
         return False

@@ -18,6 +18,7 @@ from mbaid_ros.core.diagnosis.isolation import (
     likeliest_kinds,
     ranked,
 )
+from mbaid_ros.core.repair import Conversion, Repair
 from mbaid_ros.core.results.innovations import BASE_SENSORS, Innovations
 from mbaid_ros.tasks import Work
 
@@ -138,3 +139,11 @@ def test_noise_values_gain_what_the_innovations_of_all_sensors_explain() -> None
     (cause,) = ranked({}, innovations, 1.4)
     assert cause.gain == pytest.approx(0.5 * 150.0 * (8.0 - np.log(9.0)))
     assert ranked({}, innovations, 1.2) == ()
+
+
+@pytest.mark.parametrize(('gain', 'named'), [(99.0, ['poses', 'other']), (101.0, ['twist', 'poses', 'other'])])
+def test_a_twist_that_seems_wrong_by_wrong_poses_is_no_cause_beside_them(gain: float, named: list[str]) -> None:
+    poses, twist = (Conversion(pose='inverse'), Conversion(with_twist=False))
+    repairs = {'poses': Repair('poses', conversion=poses), 'twist': Repair('twist', conversion=twist), 'other': None}
+    gains = {'poses': (100.0, True), 'twist': (gain, True), 'other': (20.0, True)}
+    assert [cause.text for cause in ranked(gains, Innovations.none(SOURCES), 1.0, repairs)] == named
