@@ -18,6 +18,7 @@ from mbaid_ros.core.results.estimate import Estimate, SensorFit
 from mbaid_ros.core.samples import (
     BAD_QUATERNION,
     JOINT_MISSING,
+    LENGTH_MISMATCH,
     LOST_TRACKING,
     NOT_FINITE,
     POSE_COVARIANCE,
@@ -57,6 +58,7 @@ def explain(session: Session, causes: Iterable[str]) -> list[str]:
     config = session.config
     details = {
         JOINT_MISSING: _lacking(session),
+        LENGTH_MISMATCH: f'{session.intake.joint_reader.unequal}; publish one of each for every name',
         WRONG_CHILD_FRAME: _wrong_child_frame(session),
         BAD_QUATERNION: 'its length is not 1',
         LOST_TRACKING: 'the tracking system has lost the base',

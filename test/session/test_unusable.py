@@ -18,6 +18,7 @@ from mbaid_ros.core.pipeline import JOINT_RATES_DERIVED, POSES_ALONE, TWIST_DERI
 from mbaid_ros.core.samples import (
     BAD_QUATERNION,
     JOINT_MISSING,
+    LENGTH_MISMATCH,
     LOST_TRACKING,
     NOT_FINITE,
     POSE_COVARIANCE,
@@ -45,6 +46,7 @@ def turned(quaternion: Array) -> Defect:
 
 
 NAMELESS = given(JOINTS, 'name', list('abcdefg'))
+JOINT_NAMES = [f'joint{number}' for number in range(1, 8)]
 NEVER_FINITE = 'is NaN or infinite in 200 of 200 messages: look'
 
 
@@ -62,6 +64,7 @@ NEVER_FINITE = 'is NaN or infinite in 200 of 200 messages: look'
             f'position of the base {NEVER_FINITE}',
         ),
         (NAMELESS, JOINT_MISSING, 'they contain a, b, c, d, e, f'),
+        (given(JOINTS, 'name', ['base', *JOINT_NAMES]), LENGTH_MISMATCH, ': 8 names, 7 positions, 7 velocities;'),
     ],
 )
 def test_unusable_messages_are_reported(spoil: Defect, cause: str, sentence: str) -> None:

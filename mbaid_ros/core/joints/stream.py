@@ -412,6 +412,7 @@ class JointReader:
         self.others: tuple[str, ...] = ()  # further names in the last message that was laid out
         self.unknown: tuple[str, ...] = ()  # names of the last message that lacked a joint
         self.missing: tuple[str, ...] = ()
+        self.unequal = ''  # numbers of names and values in the last message where they differ
         self.not_finite: Counter[str] = Counter()  # messages with a NaN or infinite value, by field and joint
         self.heard: dict[str, None] = {}  # every name that a message has had, in order; a bounded number
 
@@ -457,11 +458,11 @@ class JointReader:
         position[:, held], velocity[:, held] = stream.position, stream.velocity
         return every, JointStream(stream.stamp, position, velocity)
 
-    @staticmethod
-    def _misfit(shape: _Shape) -> str:
+    def _misfit(self, shape: _Shape) -> str:
         """Return why messages of a shape cannot be used, empty if they can."""
         count = len(shape.names)
         if shape.positions != count or shape.velocities not in {0, count}:
+            self.unequal = f'{count} names, {shape.positions} positions, {shape.velocities} velocities'
             return LENGTH_MISMATCH
         return ''
 
