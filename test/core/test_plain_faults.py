@@ -12,7 +12,7 @@ import pytest
 
 from benchmarks.honesty.robots import in_millimetres
 from checked import some
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.joints.faults import JointFaults, JointRates
 from mbaid_ros.core.odometry.faults import HELD, HeldBase, PlanarPoses, twist_check
 from mbaid_ros.core.pipeline import PlainFaults, WindowChecks
@@ -336,6 +336,26 @@ def test_odometry_in_two_dimensions_of_a_robot_that_leaves_the_plane_is_named(
     estimate = faults.applied(Estimate('trajectory', 'estimating', 0.0, 10**18))
     assert (estimate.status == 'inconsistent') is named
     assert ('the odometry is in two dimensions' in ''.join(text for text, _ in estimate.causes)) is named
+
+
+@pytest.mark.parametrize('pieces', [1, 7])
+@pytest.mark.parametrize(
+    ('same', 'listed'),
+    [('z', 'moves: z;'), ('xyz', 'moves: x, y, z;'), ('t', 'moves: roll and pitch;'), ('tr', 'orientation;'), ('', '')],
+)
+def test_coordinates_that_never_change_are_named(pieces: int, same: str, listed: str) -> None:
+    joints, count = motion(0), 3 * COUNT
+    stamps, turn = SPACING * np.arange(count), 1e-4 * np.arange(count)[:, None]
+    position = turn * [axis not in same for axis in 'xyz']
+    rotation = exp(turn * ['t' not in same, 't' not in same, 'r' not in same])
+    faults = PlainFaults(robot('servicer7'), 1e-4)
+    for piece in np.array_split(np.arange(count), pieces):
+        poses = replace(_poses(position[piece], stamps[piece]), rotation=rotation[piece])
+        moved = joints[np.minimum(piece, COUNT - 1)]
+        faults.add({ALL: JointStream(stamps[piece], moved, np.full((len(piece), JOINTS), np.nan))}, poses)
+    found = faults.applied(Estimate('trajectory', 'estimating', 0.0, 10**18))
+    assert found.status == 'estimating'
+    assert [listed in text for text in found.warnings] == [True] * bool(same)
 
 
 @pytest.mark.parametrize(('axis', 'named'), [('1 0 0', False), ('0 0 1', True)])

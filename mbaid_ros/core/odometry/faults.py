@@ -29,11 +29,15 @@ from mbaid_ros.core.robot.model import Kinematics, RobotModel
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import ArrayRecord, BaseStream, Samples, Stamps
 from mbaid_ros.core.windows import Knots, Window, without_twist
+from mbaid_ros.errors import listing
 
 _FEWEST_SAMPLES = 5  # samples of a window
 # m and rad, that a base out of the plane moves and tilts by at least (filters that hold it leave 1e-9); m and rad, by
 # which base and joint have moved before that counts; cosine of an upright axis.
 _FLAT, _MOVES_BY, _TURNS_BY, _UPRIGHT = 1e-6, 0.01, 0.2, 0.98
+_TILT = 'roll and pitch'
+_COORDINATES = ('x', 'y', 'z', _TILT, 'orientation')
+_STILL = 10 * 10**9  # ns, that a coordinate stays the same after all else has moved: coarse ones change later
 _FEWEST_RATES, _KEPT_RATES = (
     8,
     80,
@@ -401,7 +405,7 @@ def _is_held(seen: Array) -> bool:
 
 
 class PlanarPoses:
-    """Follows raw poses and joints, and finds odometry in two dimensions of a robot that moves in three.
+    """Follows raw poses and joints, and finds coordinates of the base that never change, as in two dimensions.
 
     Parameters
     ----------
@@ -415,16 +419,25 @@ class PlanarPoses:
         # A joint that turns about another axis than the base's z, or slides along it, takes the base out of the plane.
         self._tilting = {name for name, along in zip(model.joint_names, flat, strict=True) if along < _UPRIGHT}
         self._first: dict[str, Array] = {}  # positions of base and joints at the begin
-        self._since: dict[str, int] = {}  # ns, when the base moved, when it left the plane, and when a joint moved
+        self._rotation: Array | None = None  # of the base at the begin
+        # ns, when the base moved, when it left the plane, when each coordinate changed, and when a joint moved
+        self._since: dict[str, int] = {}
         self._joint = ''
+        self._latest = 0  # ns, stamp of a pose
 
     def add_poses(self, base: BaseStream) -> None:
         """Take poses in the order of arrival."""
         first = self._first.setdefault('base', base.position[0])
-        away = np.abs(base.position - first)
+        self._rotation = base.rotation[0] if self._rotation is None else self._rotation
+        away, turned = np.abs(base.position - first), np.abs(base.rotation - self._rotation).max(axis=(1, 2))
         self._note('moved', np.any(away[:, :2] > _MOVES_BY, axis=1), base.stamp)
-        left = (away[:, 2] > _FLAT) | np.any(np.abs(base.rotation[:, 2, :2]) > _FLAT, axis=1)
-        self._note('left', left, base.stamp)
+        self._note('changed', np.maximum(away.max(axis=1), turned) > _MOVES_BY, base.stamp)
+        tilt = np.abs(base.rotation[:, 2, :2])
+        self._note('left', (away[:, 2] > _FLAT) | np.any(tilt > _FLAT, axis=1), base.stamp)
+        tilted = np.abs(base.rotation[:, 2, :2] - self._rotation[2, :2]).max(axis=1)
+        for name, change in zip(_COORDINATES, (*away.T, tilted, turned), strict=True):
+            self._note(name, change > _FLAT, base.stamp)
+        self._latest = max(self._latest, int(base.stamp[-1]))
 
     def add_joints(self, names: Sequence[str], stamp: Stamps, position: Array) -> None:
         """Take readings (N, k) of some joints in the order of arrival."""
@@ -448,6 +461,17 @@ class PlanarPoses:
                     f'{self._joint} moves out of the plane; publish all three (dimensions: 3, no two_d_mode)'
                 )
                 yield 'planar', since, text
+                return
+        if {'changed', 'turned'} <= self._since.keys():
+            since = max(self._since['changed'], self._since['turned']) + _STILL
+            same = [name for name in _COORDINATES if self._since.get(name, since + 1) > since]
+            if same and self._latest >= since:
+                names = [name for name in same if name != _TILT or _COORDINATES[-1] not in same]
+                text = (
+                    f'coordinates of the base never change, though {self._joint} moves: {listing(names)}; publish all '
+                    'six as they are measured'
+                )
+                yield 'same', since, text
 
 
 def mistaken_poses(kernel: MomentumKernel) -> Iterator[Convention]:
