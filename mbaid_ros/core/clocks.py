@@ -50,7 +50,7 @@ _AROUND = 6  # readings that a step is looked at with, before and after
 _BLOCK, _BLOCKS, _ENOUGH, _ALONG, _MOSTLY, _JITTER = 60, 200, 12, 0.7, 4.0, 1e-3
 _EVEN = 0.5  # of the usual interval, by which those of a block may differ from it
 _COARSE = 0.1  # share of readings that repeat: the scatter of coarse encoders grows with the rate as well
-OFFSET, CLOCK = 'time offset', 'clock drift'
+OFFSET, CLOCK, POSITION_LATE = 'time offset', 'clock drift', 'position late'
 _LARGEST_DRIFT = 0.01  # of time_offset.drift_std
 # s, late or early by 50 ms to half a second: less is within the prior of the time offset.
 _DELAYS = 0.05 * np.concatenate((np.arange(-10, 0), np.arange(1, 11)))
@@ -473,6 +473,29 @@ def _estimated(repair: Repair) -> Repair:
 def clock_drift(deviation: float) -> ClockDrift:
     """Return the drift as an unknown, of a standard deviation, s/s."""
     return ClockDrift(np.array([[deviation]]), (CLOCK,))
+
+
+@dataclass(frozen=True, eq=False)
+class PositionLate(Linear):
+    """By how much the position is behind the orientation of the same pose, s: a message of two sources."""
+
+    words: ClassVar = {
+        POSITION_LATE: Words(
+            deviation=lambda _, value: (
+                f'the position of the odometry is {1e3 * np.sum(value):+.3g} ms late against its orientation: two '
+                'sources in one message; publish both of one time'
+            )
+        )
+    }
+
+    def measured(self, sensor: str, motion: Motion) -> Array | None:
+        """Return the earlier position."""
+        return np.where(np.arange(6) < 3, 0.0, -motion.twist)[..., None] if sensor == 'pose' else None
+
+
+def position_late(deviation: float) -> PositionLate:
+    """Return the delay of the position as an unknown, of a standard deviation, s."""
+    return PositionLate(np.array([[deviation]]), (POSITION_LATE,))
 
 
 def joints_stamped_late(kernel: MomentumKernel) -> Iterator[Convention]:

@@ -12,7 +12,14 @@ from functools import partial
 import numpy as np
 
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
-from mbaid_ros.core.clocks import clock_drift, declared_drift, declared_offset, joints_stamped_late, time_offset
+from mbaid_ros.core.clocks import (
+    clock_drift,
+    declared_drift,
+    declared_offset,
+    joints_stamped_late,
+    position_late,
+    time_offset,
+)
 from mbaid_ros.core.contracts import (
     UNDISTURBED,
     ConventionFactory,
@@ -219,6 +226,7 @@ def suspects(kernel: MomentumKernel, sensors: Sequence[NamedSensor] = ()) -> tup
         odometry_turning(3e-6),
         clock_drift(1e-6),
         TwistLate(np.array([[3e-4]]), (LATE,)),
+        position_late(1e-4),
         twist_bias(1e-5, 0.0),
         twist_bias(0.0, 1e-4),
         suspected_gears(model.joint_names),

@@ -6,6 +6,7 @@ import itertools
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -13,7 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from checked import some
-from mbaid_ros.core.clocks import BAD_NANOSEC, STRAY_STAMP, ZERO_STAMP, Gate, Reorder
+from mbaid_ros.core.clocks import BAD_NANOSEC, POSITION_LATE, STRAY_STAMP, ZERO_STAMP, Gate, Reorder, position_late
+from mbaid_ros.core.contracts import Motion, deviation_text
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joints.stream import NO_PARTNER, OFTEN, PARTNER_GAP, REDUNDANT, JointMerge, Joints
 from mbaid_ros.core.samples import NO_STAMP, JointStream, Samples, polynomial_fit, stamp_of, with_rates
@@ -285,3 +287,11 @@ def test_stamps_whose_nanosec_are_a_second_or_more_are_none() -> None:
     assert [gate.add(each, each) for each in (5, NO_STAMP, 6)] == [0, 0, 0]
     assert (gate.messages, gate.dropped[BAD_NANOSEC]) == ([5, 6], 1)
     assert gate.all_pass(np.array([7, 8])) is not gate.all_pass(np.array([7, NO_STAMP]))
+
+
+def test_a_position_that_is_late_is_an_earlier_one_beside_its_orientation() -> None:
+    motion = cast('Motion', SimpleNamespace(twist=np.arange(12.0).reshape(2, 6)))
+    read = some(position_late(1e-4).measured('pose', motion))
+    assert read[..., 0].tolist() == [[0.0, 0.0, 0.0, -3.0, -4.0, -5.0], [0.0, 0.0, 0.0, -9.0, -10.0, -11.0]]
+    assert position_late(1e-4).measured('twist', motion) is None
+    assert '+80 ms late against its orientation' in deviation_text(POSITION_LATE, np.array([0.08]))
