@@ -110,6 +110,10 @@ class SimulatedRun:
         self._named = named
         self._camera = make_target_camera(config, self.robot, simulation)
         self._read = 0.0  # s, until which it has been
+        # s: the state at the capture, and a tracked body's motion after it, follow from the first motion of the joints.
+        self._steerable_from = 0.0
+        if self.captured is not None:
+            self._steerable_from = config.capture.time + (0.0 if self._camera is None else config.target_pose.after)
         self._sensed = SensedSimulation(simulation, sensors, config.joint_rate, config.odometry_rate, further)
 
     @property
@@ -153,11 +157,17 @@ class SimulatedRun:
     def add_trajectory(self, trajectory: JointTrajectory) -> float:
         """Let the joints follow a trajectory from just after the samples read, and return that time, s.
 
-        Raises DataError: The joints are not driven, or it is of other joints, or begins elsewhere.
+        Raises DataError: The joints are not driven, a capture or tracked poses after it are still to come, or the
+            trajectory is of other joints, or begins elsewhere.
         """
         if not isinstance(self._motion, SteeredMotion):
             raise DataError("motion.kind is 'passive'; accepted: joints that are driven, as with motion.kind: random")
         begin = self._read + LONGEST_STEP
+        if begin < self._steerable_from:
+            raise DataError(
+                f'it would begin at {begin:.6g} s, and the motion until {self._steerable_from:.6g} s is fixed by '
+                'capture.time and target_pose.after; accepted: a trajectory sent later'
+            )
         self._motion.add_trajectory(trajectory, self.model, begin)
         return begin
 

@@ -95,7 +95,8 @@ class TrackedMotion:
         """Return positions (N, 3) and rotations (N, 3, 3) of a frame fixed to the body, as of FreeMotion."""
         early = time <= capture
         position, rotation = np.empty((len(time), 3)), np.empty((len(time), 3, 3))
-        position[early], rotation[early] = self.free.poses(time[early], place)
+        if early.any():
+            position[early], rotation[early] = self.free.poses(time[early], place)
         if self.grasped is not None and not early.all():
             position[~early], rotation[~early] = self.grasped.poses(time[~early], place)
         if self.turning is None:

@@ -11,7 +11,8 @@ from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.simulator_parameters import SimulatorConfig
 from mbaid_ros.core.geometry import log, rotation_from_quaternion, unvec
 from mbaid_ros.core.robot.model import Kinematics
-from mbaid_ros.errors import ParameterError
+from mbaid_ros.errors import DataError, ParameterError
+from mbaid_ros.joint_trajectory import JointTrajectory
 from mbaid_ros.parameters import build
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import SimulatedRun
@@ -95,10 +96,21 @@ def test_what_is_not_captured_is_not_tracked() -> None:
     assert some(run().captured).time == 10.0
 
 
+def test_a_trajectory_is_refused_until_the_capture_and_the_poses_after_it_have_been() -> None:
+    made = run(**{'target_pose.after': 1.0})
+    order = JointTrajectory(('joint1',), np.array([3.0]), np.zeros((1, 1)), *2 * (np.zeros((0, 0)),))
+    for until in (1.0, 10.5):
+        made.read(until)
+        with pytest.raises(DataError, match=r'until 11 s is fixed by capture\.time and target_pose\.after'):
+            made.add_trajectory(order)
+    made.read(11.0)
+    assert made.add_trajectory(order) > 11.0
+
+
 def test_a_body_that_slips_takes_along_its_momentum_and_is_held_where_it_shall_be() -> None:
     slips = {'capture.settling': 2.0, 'target_pose.after': 4.0, 'capture.linear_velocity': [0.02, -0.03, 0.05]}
     made = run(**slips, **{'duration': 15.0, 'initial.base_angular_velocity': [0.01, -0.02, 0.01]})
-    read = made.read(14.5)
+    read = [*made.read(12.0), *made.read(14.5)]  # the second part is after the capture
     poses = [each.message for each in read if each.topic == 'target_pose']
     time = np.array([each.header.stamp.sec + 1e-9 * each.header.stamp.nanosec for each in poses])
     place = np.array([[each.pose.position.x, each.pose.position.y, each.pose.position.z] for each in poses])
