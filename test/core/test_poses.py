@@ -17,18 +17,14 @@ from checked import assert_derivative, generic, some
 from gyros import normalised
 from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
+from mbaid_ros.core.clocks import LATE
 from mbaid_ros.core.contracts import Motion
-from mbaid_ros.core.geometry import Array, exp, log, quaternion_from_rotation, rotation_from_quaternion
+from mbaid_ros.core.geometry import Array, exp, log, quaternion_from_rotation, rotate, rotation_from_quaternion
 from mbaid_ros.core.noise import FoundNoise
-from mbaid_ros.core.outliers import ResidualGate
+from mbaid_ros.core.outliers import OUTLIER, ResidualGate
 from mbaid_ros.core.poses import (
-    DELAY,
-    DRIFT,
     EARLY,
-    MOUNT,
-    SCALE,
     TURNING,
-    WORLD,
     NamedPoseConfig,
     PoseCollector,
     PoseSensor,
@@ -50,7 +46,6 @@ from mbaid_ros.session.repairing import RepairPolicy
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import SimulatedRun
-from observed import kernel
 from sessions import NOISE, fed
 from simulated import robot
 from streams import urdf
@@ -61,6 +56,7 @@ START = 1_700_000_000_000_000_000  # ns
 GYRO = {'imu.rate': 100.0, 'imu.noise_density': 1e-5, 'imu.bias': [1e-3, -2e-3, 1e-3]}
 WITH_GYRO = {**EXACT, 'imu.noise_density': 1e-5, 'imu.bias_std': 1e-2}
 TRACKER = {'poses.names': ['tracker'], 'poses.tracker.measures': 'orientation', 'poses.tracker.orientation_std': 2e-5}
+T_PLACES = np.sort(np.append(np.random.default_rng(6).uniform(0.1, 16.0, 38), [0.5, 14.5]))  # s
 Said = list[tuple[float, str, Any]]
 
 
@@ -365,6 +361,77 @@ def test_samples_have_the_readings_since_the_one_before(pieces: int) -> None:
     assert collector.dropped[EARLY] == 1
 
 
+@pytest.mark.parametrize('measures', ['both', 'position', 'orientation'])
+def test_readings_are_summed_in_the_world_of_the_odometry_which_the_first_of_them_places(measures: str) -> None:
+    """Each at the next sample, if that is near; what is not measured is no outlier."""
+    rng, every = np.random.default_rng(3), np.append(np.arange(0, 1000, 50), 2000) * 1_000_000
+    stamps = np.array([3, 20, 61, 500, 899, 1880, 1900, 1990]) * 1_000_000
+    at = np.searchsorted(every, stamps)
+    there = replace(samples(every), base_rotation=exp(rng.normal(size=(21, 3))), base_position=rng.normal(size=(21, 3)))
+    there = replace(there, time=there.time + 7.0)
+    turn, shift = (np.eye(3) if measures == 'position' else exp(generic(1, 1, 3))[0]), generic(2, 3)
+    rotation, place = turn @ there.base_rotation[at], there.base_position[at] @ turn.T + shift
+    rotation = exp(rng.normal(size=(8, 3))) if measures == 'position' else rotation
+    place[1:] += 0.0 if measures != 'orientation' else rng.normal(size=(7, 3))
+    root = rng.normal(size=(8, 6, 6))
+    read = replace(readings(stamps), rotation=rotation, position=place, pose_covariance=root @ np.swapaxes(root, 1, 2))
+    collector, whole = PoseCollector(100_000_000, measures, same_world=False), np.kron(np.eye(2), turn)
+    collector.push(read)
+    found = collector.columns(there, every)
+    assert collector.dropped == {'no sample around the stamp of a pose': 1, LATE: 0, EARLY: 0, OUTLIER: 0}
+    expected = np.zeros((21, 50))
+    for place_of, one in zip(at, range(8), strict=True):
+        pose = (turn.T @ rotation[one]).ravel(), turn.T @ (read.position[one] - shift)
+        covariance = (whole.T @ read.pose_covariance[one] @ whole).ravel()
+        if one != 5:  # 120 ms before the next sample
+            expected[place_of] += np.concatenate(([1.0, 1e-9 * stamps[one] + 7.0], *pose, covariance))
+    assert found == pytest.approx(expected, abs=1e-9)
+    collector.push(read)
+    assert collector.dropped[LATE] + collector.dropped[EARLY] == 8
+
+
+@pytest.mark.parametrize('pieces', [1, 9])
+def test_positions_of_one_sensor_between_orientations_of_another_are_poses_of_the_base(pieces: int) -> None:
+    rate, lever, rng = np.array([0.3, -0.5, 0.2]), generic(4, 3), np.random.default_rng(5)
+    turns, places = (readings(np.round(1e9 * each).astype(np.int64)) for each in (np.arange(1, 30) / 2, T_PLACES))
+    covariances = [
+        each @ np.swapaxes(each, 1, 2) for each in (rng.normal(size=(29, 6, 6)), rng.normal(size=(40, 6, 6)))
+    ]
+    turns = replace(turns, rotation=exp(1e-9 * turns.stamp[:, None] * rate), pose_covariance=covariances[0])
+    base, turned = rng.normal(size=(40, 3)), exp(T_PLACES[:, None] * rate)
+    places = replace(places, position=base + rotate(turned, lever), pose_covariance=covariances[1])
+    both, parts = Reference('camera', 'tracker', lever), []
+    for time in np.array_split(np.arange(0, 200), pieces):
+        own = [each[(each.stamp >= 1e8 * time[0]) & (each.stamp < 1e8 * (time[-1] + 1))] for each in (places, turns)]
+        given = {name: each for name, each in zip(('camera', 'tracker'), own, strict=True) if len(each.stamp)}
+        parts += [each for each in [both.push(given)] if each is not None]
+    made = BaseStream.concatenate(parts)
+    known = (T_PLACES >= 0.5) & (T_PLACES <= 14.5)
+    assert both.name == 'camera'
+    assert made.stamp.tolist() == places.stamp[known].tolist()
+    assert made.position == pytest.approx(base[known], abs=1e-8)
+    assert made.rotation == pytest.approx(turned[known], abs=1e-8)
+    assert np.isnan(made.linear_velocity).all()
+    assert np.isnan(made.angular_velocity).all()
+    after = np.searchsorted(turns.stamp, made.stamp).clip(min=1)
+    assert np.array_equal(made.pose_covariance[:, :3, :3], covariances[1][known][:, :3, :3])
+    assert np.array_equal(made.pose_covariance[:, 3:, 3:], covariances[0][after][:, 3:, 3:])
+    assert not made.pose_covariance[:, :3, 3:].any()
+    assert not made.pose_covariance[:, 3:, :3].any()
+
+
+def test_one_sensor_alone_locates_the_base_or_turns_it() -> None:
+    read = replace(readings(np.arange(4)), position=generic(1, 4, 3), declared=np.eye(4, dtype=bool))
+    one, turning = Reference('tracker', 'tracker', np.ones(3)), Reference(None, 'tracker', np.ones(3))
+    assert [one.name, turning.name] == ['tracker', 'tracker']
+    assert [one.push({}), turning.push({})] == [None, None]
+    made, turned = some(one.push({'tracker': read})), some(turning.push({'tracker': read}))
+    assert np.array_equal(made.position, read.position)
+    assert np.isnan([made.linear_velocity, made.angular_velocity]).all()
+    assert np.array_equal(turned.declared, read.declared)
+    assert np.isnan(turned.pose_covariance[:, :3, :3]).all()
+
+
 @pytest.mark.parametrize('pieces', [1, 5, 300])
 def test_a_reading_that_leaves_the_motion_is_dropped_and_a_lasting_change_is_not(pieces: int) -> None:
     """At any rate: the residual drifts, one reading is off, and later all are."""
@@ -462,32 +529,6 @@ def test_a_pose_is_read_off_by_its_errors_as_the_columns_say() -> None:
         assert part.measured('poses.camera', cast('Motion', motion)) is None
 
 
-@pytest.mark.parametrize(
-    ('kind', 'value', 'parameters'),
-    [
-        (MOUNT, [0.0, 0.0, 0.0, 0.0, -0.02, 0.01], {'mount_position_std': 0.05}),
-        (
-            MOUNT,
-            [0.001, 0.0, -0.003, 0.0, 0.02, 0.0],
-            {'mount_position_std': 0.05, 'mount_orientation_std': 0.005},
-        ),
-        (DELAY, [-0.05], {'time_offset_std': 0.1}),
-        (SCALE, [0.01], {'scale_std': 0.02}),
-        (WORLD, [0.01] * 6, None),
-    ],
-)
-def test_errors_of_a_pose_are_declared_as_large_as_they_are(
-    kind: str, value: list[float], parameters: dict[str, float] | None
-) -> None:
-    unknown = pose_errors('mocap', NamedPoseConfig(), same_world=False)
-    found = unknown.repair(f'{kind}:mocap', np.array(value), 0.1 * np.abs(value), kernel(ROBOT))
-    assert (found is None) == (parameters is None)
-    if found is not None and parameters is not None:
-        assert found.parameters == {f'poses.mocap.{name}': size for name, size in parameters.items()}
-        assert np.ravel(np.array(found.value, dtype=float)) == pytest.approx(value)
-        assert 'mocap' in found.cause
-
-
 def test_a_drift_moves_a_pose_as_a_world_that_turns_and_moves_does() -> None:
     (turned,), position, origin, time = exp(generic(1, 1, 3)), generic(2, 3), generic(4, 3), 7.0
     unknown = pose_drift('mocap', 'both', 1e-5, 1e-6)
@@ -504,26 +545,6 @@ def test_a_drift_moves_a_pose_as_a_world_that_turns_and_moves_does() -> None:
     assert part.causes == (f'{TURNING}:mocap',) * 3
     assert np.array_equal(some(part.measured('poses.mocap', cast('Motion', motion)))[0], columns[:3])
     assert part.measured('poses.camera', cast('Motion', motion)) is None
-
-
-@pytest.mark.parametrize(
-    ('kind', 'measures', 'parameters', 'text'),
-    [
-        (TURNING, 'both', {'poses.mocap.turning_std': 5e-4}, 'the orientation of mocap drifts by 15 mrad a minute'),
-        (DRIFT, 'orientation', {'poses.mocap.turning_std': 5e-4}, 'mocap drifts by 15 mrad a minute'),
-        (DRIFT, 'both', {'poses.mocap.use': False}, 'mocap drifts by 15 mrad and 60 mm a minute'),
-        (DRIFT, 'position', {'poses.mocap.use': False}, 'mocap drifts by 60 mm a minute'),
-    ],
-)
-def test_a_drift_is_declared_as_large_as_it_is_and_positions_that_drift_are_left_out(
-    kind: str, measures: str, parameters: dict[str, object], text: str
-) -> None:
-    value = np.array([0.0, 2.5e-4, 0.0, 1e-3, 0.0, 0.0])
-    value[:3] *= measures != 'position'
-    value[3:] *= measures != 'orientation' and kind == DRIFT
-    unknown = pose_drift('mocap', measures, 1e-6, 1e-6 * (kind == DRIFT))
-    found = unknown.repair(f'{kind}:mocap', value, 0.1 * value, kernel(ROBOT))
-    assert (found.parameters, found.cause) == (parameters, text)
 
 
 TURN = exp(np.array([0.0, 0.0, 0.5 * np.pi]))
@@ -567,10 +588,3 @@ def test_a_sensor_of_other_axes_or_units_is_reported(
         assert found.text.startswith(named)
         assert found.severity == 'conflict'
         assert some(found.repair).parameters == {'poses.mocap.use': False}
-
-
-def test_what_is_not_measured_has_no_errors() -> None:
-    config = build(EstimatorConfig, TRACKER).poses.used['tracker']
-    errors = pose_errors('tracker', config, same_world=False)
-    assert set(errors.causes) == {'pose mount:tracker', 'pose world:tracker', 'pose delay:tracker'}
-    assert errors.count == 3 + 3 + 1

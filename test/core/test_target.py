@@ -18,16 +18,30 @@ from checked import central_difference, generic, some
 from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.config.simulator_parameters import SimulatorConfig
+from mbaid_ros.core.contracts import Unknown
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
-from mbaid_ros.core.free_flight import FreeFlight, PoseNoise
-from mbaid_ros.core.geometry import Array, exp, log, quaternion_from_rotation, rotate, rotation_from_quaternion, unvec
+from mbaid_ros.core.free_flight import RATIOS, FreeFlight, PoseNoise
+from mbaid_ros.core.geometry import (
+    Array,
+    exp,
+    log,
+    quaternion_from_rotation,
+    rotate,
+    rotation_from_quaternion,
+    skew,
+    unvec,
+    vec,
+)
 from mbaid_ros.core.method import ON_POSES
+from mbaid_ros.core.odometry.model import odometry_mount
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.body import physical
+from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.state import BODY
+from mbaid_ros.core.state import BODY, Declared, Layout, variables
 from mbaid_ros.core.target import (
     NOT_A_POSE,
+    CaptureRows,
     ChangedTarget,
     GraspedFrame,
     TargetAtCapture,
@@ -331,22 +345,6 @@ def at_capture(tightness: float, *, rigid: bool = True) -> TargetAtCapture:
     return TargetAtCapture(3.0, flight, robot, sample, momentum, np.eye(6), lambda _: np.zeros((6, 0)), rigid=rigid)
 
 
-def test_a_search_begins_at_a_body_that_moves_as_the_target_did() -> None:
-    """Of a mass: it has the centre and the ratios of moments of the flight, and the momentum of its motion."""
-    made, mass = at_capture(1e4), 50.0
-    flight, (rotation, position) = made.flight, made.link
-    body, momentum = made.guess(mass)
-    found = physical(body - made.kernel.target.parameters)
-    assert found[0] == pytest.approx(mass)
-    assert position + rotation @ found[1:4] == pytest.approx(flight.centre)
-    inertia, ratios = rotation @ unvec(found[4:]) @ rotation.T, flight.rotation @ flight.inertia @ flight.rotation.T
-    assert inertia / np.trace(inertia) == pytest.approx(ratios / np.trace(ratios), abs=1e-6)
-    assert np.abs(ratios - np.eye(3)).max() > 0.1
-    own, spin = momentum - made.momentum, flight.rotation @ flight.spin
-    assert own[:3] == pytest.approx(mass * flight.velocity)
-    assert own[3:] == pytest.approx(np.cross(flight.centre, mass * flight.velocity) + inertia @ spin)
-
-
 def test_what_the_flight_leaves_open_is_a_ball_at_the_link() -> None:
     made, mass = at_capture(1e-3), 50.0
     rotation, position = made.link
@@ -399,6 +397,179 @@ def test_a_changed_target_is_reported_with_its_size_where_both_masses_are_known(
     event = ChangedTarget(7.0, 'the target changed', exchanged, before).event(after)
     assert (event.time, event.kind, event.cause) == (7.0, 'target_changed', f'the target changed{said}')
     assert ChangedTarget(7.0, 'the target changed', exchanged, None).event(after).cause == 'the target changed'
+
+
+def rows_of(made: TargetAtCapture, *unknowns: Unknown) -> tuple[CaptureRows, Array]:
+    """Return the rows of a target about an origin, and a state with a body that moves as the target did."""
+    rows = CaptureRows(made, Layout.from_unknowns(made.kernel, unknowns), generic(21, 3))
+    return rows, rows.point(50.0).state
+
+
+def motion_by_momenta(numbers: Array, made: TargetAtCapture) -> Array:
+    """Return the motion (17,) of a body with the momentum that it has beside the robot's, held as the link is."""
+    (turn,), (rotation, position) = exp(numbers[None, 16:19]), made.link
+    rotation, place, came = turn @ rotation, position + numbers[19:22], numbers[:6] - numbers[22:]
+    body = physical(numbers[6:16])
+    centre, inertia = place + rotation @ body[1:4], rotation @ unvec(body[4:]) @ rotation.T
+    velocity = came[:3] / body[0]
+    spin = np.linalg.solve(inertia, came[3:] - np.cross(centre, came[:3]))
+    ratios = 3.0 * np.tensordot(RATIOS, inertia, axes=2) / np.trace(inertia)
+    return np.concatenate((velocity + np.cross(spin, position - centre), spin, centre, ratios, velocity))
+
+
+@pytest.mark.parametrize('framed', [False, True])
+def test_a_capture_misses_the_motion_by_as_much_as_that_is_moved(framed: bool) -> None:
+    """By all 17 numbers, and as momenta, body and link change them; of errors its noise has unit variance."""
+    (turn,), root = exp(generic(11, 1, 3)), 1e-3 * (np.eye(6) + 0.3 * generic(22, 6, 6))
+    made = replace(
+        at_capture(1e4), frame=GraspedFrame(turn, generic(12, 3), root) if framed else None, factor=10.0 * root
+    )
+    made = replace(made, sample=replace(made.sample, pose_covariance=(root @ root.T)[None]))
+    (rows, state), motion = rows_of(made), made.measured[0]
+    numbers = rows._at_zero + rows._by_state @ state
+    missed, by_numbers = rows._misfit(numbers)
+    assert missed == pytest.approx(np.zeros(17), abs=1e-9)
+    assert motion_by_momenta(numbers, made) == pytest.approx(motion, abs=1e-9)
+    steps = np.concatenate((np.repeat(1e-4, 6), 1e-5 * np.maximum(np.abs(numbers[6:16]), 1.0), np.repeat(1e-5, 12)))
+    expected = central_difference(lambda each: motion_by_momenta(each, made), numbers, steps)
+    assert by_numbers == pytest.approx(expected, abs=1e-6 * float(np.abs(expected).max()), rel=1e-5)
+    if not framed:
+        for step in 0.1 * np.eye(20):
+            moved = replace(made, flight=made.flight.moved(step))
+            assert rows_of(moved)[0]._misfit(numbers)[0] == pytest.approx(motion - moved.measured[0], abs=1e-9)
+    flight, selected = np.linalg.cholesky(made.flight.covariance), made.selection(None)[0]
+
+    def value(errors: Array) -> Array:
+        moved, there = replace(made, flight=made.flight.moved(flight @ errors[:20])), numbers.copy()
+        there[16:22] += made.link_factor @ errors[20:26]
+        there[22:] += made.factor @ errors[26:]
+        return selected @ replace(rows, target=moved)._misfit(there)[0]
+
+    by_errors = central_difference(value, np.zeros(32), 1e-3)
+    _, by_state, noise = rows._motion_rows(state)
+    assert noise @ noise.T == pytest.approx(by_errors @ by_errors.T, abs=2e-4 * float(np.max(noise) ** 2))
+    assert by_state == pytest.approx(np.linalg.solve(noise, selected @ by_numbers))
+    other, factor = (
+        state * 1.001,
+        1e-3 * np.abs(state[:, None]) * np.random.default_rng(23).normal(size=(len(state), 3)),
+    )
+    raw, by_raw = rows._misfit(rows._at_zero + rows._by_state @ other)
+    _, _, noise = rows._motion_rows(other)
+    seen = selected @ by_raw @ rows._by_state @ factor
+    misfit, whitening = rows.normalised_misfit(other, factor)
+    assert whitening @ raw == pytest.approx(misfit)
+    expected = np.linalg.inv(noise @ noise.T + seen @ seen.T)
+    assert misfit @ misfit == pytest.approx(selected @ raw @ expected @ selected @ raw)
+
+
+def test_rows_of_a_capture_are_those_of_its_misfit_and_of_a_plausible_size() -> None:
+    rows, state = rows_of(at_capture(1e4), odometry_mount(1e-2, 1e-2))
+    rows = replace(rows, target=replace(rows.target, momentum_columns=lambda _: generic(24, 6, 6)))
+    robot, detector = rows.layout.kernel, PlaneDetector(rows.layout.kernel.model)
+    space = variables(rows.layout, detector, Declared((odometry_mount(1e-2, 1e-2),)))
+    point, numbers = rows.layout.point(1.01 * state), rows._at_zero + rows._by_state @ (1.01 * state)
+    found = rows.at(point, space)
+    assert len(found) == 14 + 6
+    left = found[:, :-1] @ (space.from_state @ point.state) - found[:, -1]
+    (value, size), (by_value, by_size) = zip(rows._motion_rows(point.state)[:2], rows._size(numbers), strict=True)
+    assert left == pytest.approx(np.concatenate((value, size)))
+    assert found[:, :-1] @ space.from_state == pytest.approx(
+        np.concatenate((by_value, by_size)) @ rows._by_state, abs=1e-6
+    )
+    steps, scale = 1e-5 * np.maximum(np.abs(numbers), 1.0), numbers[6] * 2.5**2  # of the mass there
+    expected = central_difference(lambda each: physical(each[6:16])[4:] / scale, numbers, steps)
+    assert by_size == pytest.approx(expected, abs=1e-8)
+    body = physical(numbers[6:16])
+    assert size == pytest.approx((body[4:] - body[0] * 0.7**2 * vec(np.eye(3))) / scale)
+    by_mount = rows._by_state[:, rows.layout.places[0]]
+    assert np.array_equal(by_mount[22:], generic(24, 6, 6))
+    assert np.array_equal(by_mount[16:22], rows.target.link_columns(rows.layout.unknowns[0]))
+    assert robot.target.parameters == pytest.approx(-rows._at_zero[6:16])
+    moved = 0.5 * generic(25, rows.layout.size)
+    there = rows._by_state @ moved
+    assert there[:3] == pytest.approx(moved[6:9])
+    assert there[3:6] == pytest.approx(moved[9:12] + np.cross(rows.origin, moved[6:9]))
+    with pytest.raises(np.linalg.LinAlgError):
+        rows._misfit(-numbers)
+
+
+@pytest.mark.parametrize(
+    ('change', 'named'),
+    [
+        ([0.0] * 5, ''),
+        ([0.0, 0.0, 0.0, 0.1, 0.0], 'lengths in the poses of the target are 1.1 times the true ones'),
+        ([0.0, 0.0, 0.0, -0.1, 0.0], 'lengths in the poses of the target are 0.9 times the true ones'),
+        ([0.0, 0.0, 0.0, 0.0, 0.2], 'the stamps of the poses of the target are 0.2 s early'),
+        ([0.0, 0.0, 0.0, 0.0, -0.2], 'the stamps of the poses of the target are 0.2 s late'),
+        ([0.06, -0.064, 0.048, 0.0, 0.0], "the frame of the target's poses is turned by 5.7 deg"),
+    ],
+)
+def test_which_error_of_the_poses_explains_a_contradiction(change: list[float], named: str) -> None:
+    made = at_capture(1e4)
+    rows, state = rows_of(made)
+    wrong = replace(rows, target=made.with_other_poses(np.array(change)))
+    assert wrong.pose_error(state, 1e-6 * np.ones((len(state), 1))).startswith(named)
+    assert bool(wrong.pose_error(state, np.zeros((len(state), 1)))) is bool(named)
+
+
+def test_poses_that_are_turned_larger_or_later_are_of_a_flight_that_is() -> None:
+    made, flight = at_capture(1e4), at_capture(1e4).flight
+    (turn,) = exp(np.array([[0.3, -0.2, 0.4]]))
+    other = made.with_other_poses(np.array([0.3, -0.2, 0.4, 0.1, 0.0])).flight
+    for vector, expected in ((other.centre, flight.centre), (other.velocity, flight.velocity)):
+        assert vector == pytest.approx(1.1 * turn @ expected)
+    assert other.rotation == pytest.approx(turn @ flight.rotation)
+    assert other.lever == pytest.approx(1.1 * flight.lever)
+    later = made.with_other_poses(np.array([0.0, 0.0, 0.0, 0.0, 1e-2])).flight
+    assert later.centre == pytest.approx(flight.centre + 1e-2 * flight.velocity, abs=1e-12)
+    assert log(later.rotation @ flight.rotation.T) == pytest.approx(1e-2 * flight.rotation @ flight.spin, abs=1e-9)
+    before, after, unchanged = (
+        one.rotation @ flight.inertia @ other.spin for one, other in ((flight, flight), (later, later), (later, flight))
+    )
+    assert np.linalg.norm(after - before) < 0.02 * np.linalg.norm(unchanged - before)  # as nothing acts
+    by_change = made.motion_jacobian(np.zeros(5))
+    spin = flight.rotation @ flight.spin
+    assert by_change[14:, :3] == pytest.approx(-skew(flight.velocity), abs=1e-6)
+    assert by_change[3:6, :3] == pytest.approx(-skew(spin), abs=1e-6)
+    assert pytest.approx(np.array([flight.centre, flight.velocity]), abs=1e-6) == by_change[6:9, 3:].T
+
+
+@pytest.mark.parametrize(
+    ('centre', 'ratios', 'plane', 'used'),
+    [
+        ([0.09, 0.09, 0.09], 0.09, False, (14, True, True)),
+        ([0.09, 0.09, 0.09], 0.11, False, (9, True, False)),
+        ([0.09, 0.11, 0.11], 0.09, False, (12, True, True)),
+        ([0.11, 0.11, 0.11], 0.09, False, (11, False, True)),
+        ([0.09, 0.09, 0.09], 0.09, True, (5, True, False)),
+        ([0.09, 0.11, 0.11], 0.09, True, (4, True, False)),
+    ],
+)
+@pytest.mark.parametrize('held', [True, False])
+def test_what_a_flight_determines_counts(
+    centre: list[float], ratios: float, used: tuple[int, bool, bool], *, plane: bool, held: bool
+) -> None:
+    """Centre of mass and ratios where they are sharp; of a body that may slip the velocity of its centre alone."""
+    made, values = at_capture(1.0, rigid=held), np.zeros(17)
+    values[3:6] = 0.3, -0.4, 1.2
+    std = np.concatenate((np.full(3, 0.01), np.full(3, 0.02), centre, np.full(5, ratios), np.full(3, 0.03)))
+    made.__dict__['measured'] = values, np.diag(std)
+    equations = np.zeros((3, 6))
+    equations[[0, 1, 2], [0, 1, 5]] = 1.0
+    found, flags = made.selection(equations if plane else None)
+    if not held:
+        expected = np.zeros((2 if plane else 3, 17))
+        expected[:, 14:] = np.eye(3)[: len(expected)] / 0.03
+        assert found == pytest.approx(expected)
+        assert flags.tolist() == [True, False, False]
+        return
+    assert (len(found), *flags[1:].tolist()) == used
+    # A tight direction of the centre is as uncertain as that of the spin turns the widest by.
+    more = 0.0 if max(centre[: 2 if plane else 3]) < 0.1 else 3.0 * 0.02**2 / 1.69 * 0.11**2
+    variance = std**2 + np.repeat([0.0, more, 0.0], (6, 3, 8))
+    assert found @ np.diag(variance) @ found.T == pytest.approx(np.eye(len(found)))
+    assert not found[:, 14:].any()
+    assert bool(found[:, 9:14].any()) is used[2]
 
 
 ORBIT = {'orbit.mean_motion': 1.13e-3, 'orbit.frame': 'lvlh'}

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 import pytest
 
+from checked import some
 from mbaid_ros.core.contracts import UNDISTURBED, Hypothesis
 from mbaid_ros.core.diagnosis.isolation import (
     CandidateCause,
@@ -19,8 +20,8 @@ from mbaid_ros.core.diagnosis.isolation import (
     _text_of,
 )
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.repair import widened
-from mbaid_ros.core.results.innovations import Innovations
+from mbaid_ros.core.repair import Repair, widened
+from mbaid_ros.core.results.innovations import BASE_SENSORS, Innovations
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.state import Declared, Layout
 from mbaid_ros.core.windows import AFTER, BEFORE, Window
@@ -137,6 +138,10 @@ def test_a_wrong_twist_and_joints_that_stand_still_are_left_out() -> None:
     assert [each.start for each in still.windows] == [0.0, 0.5, 1.0, *np.arange(3.5, 6.0, 0.5)]
     assert [each.after_gap for each in still.windows] == [False] * 3 + [True] + [False] * 4
     assert still.point is None
+    assert [(each.repair.cause, each.repair.since) for each in (twist, still)] == [
+        ('the twist is wrong', None),
+        ('the reading of joint1 repeats from 2.0 to 3.0 s', 1.5),
+    ]
 
 
 def test_the_point_that_explains_most_is_the_base() -> None:
@@ -426,35 +431,195 @@ def test_a_contradicted_run_is_tried_with_errors_of_all_that_is_declared_exact()
     assert tried - {label for each in beside._suspects for label in each.causes} == {'zero:joint1'}
 
 
-def searches_begun(suspicious: Sequence[bool]) -> list[int]:
-    """Return how many windows there have been at the begin of each search of a run that is suspicious now and then."""
-    begun: list[int] = []
-    accepted: list[Any] = []
+class Searched(FaultIsolation):
+    """Fault isolation over windows of half a second in a run that is suspicious from some window on."""
 
-    def begin(_kind: object, _work: object, accept: Any, **_: object) -> None:
-        begun.append(isolation._seen)
-        accepted.append(accept)
+    def __init__(self, run: dict[str, Any], since: int, count: int, result: IsolationResult | None = None) -> None:
+        run, self.begun = dict(run), list[tuple[int, Any]]()
+        tasks: Any = SimpleNamespace(cancel=lambda _: None, begin=self.begin, require=lambda _: self._accept(result))
+        candidates: Any = SimpleNamespace(isolate=self.isolate, layout=SimpleNamespace(size=7))
+        super().__init__(candidates, MID, tasks)
+        self.checked: list[int] = []
+        twist: Any = SimpleNamespace(add=self.checked.append, reason=lambda: SimpleNamespace(text='the twist is wrong'))
+        self._twist, quiet = twist, SimpleNamespace(physical=True, disturbed=False, cause='a cause')
+        best = SimpleNamespace(hypothesis=run.pop('hypothesis', quiet), jumps=())
+        self.run: Any = SimpleNamespace(
+            **({'has_state': True, 'point': 'a point', 'best': best, 'unconfirmed_jumps': (), 'jump_times': ()} | run)
+        )
+        following: Any = self.run
+        for place, window in enumerate(windows(count)):
+            sample: Any = place
+            self.add_window(window, sample)
+            self.begin_if_due(following, suspicious=place >= since)
 
-    tasks: Any = SimpleNamespace(
-        cancel=lambda _: None, begin=begin, require=lambda _: accepted[-1](IsolationResult((), Innovations.none(())))
-    )
-    isolation = FaultIsolation(causes(), MID, tasks)
-    twist: Any = SimpleNamespace(add=lambda _: None, reason=lambda: None)
-    run: Any = SimpleNamespace(has_state=False, jump_times=())
-    sample: Any = None
-    isolation._twist = twist
-    for window, doubtful in zip(windows(len(suspicious)), suspicious, strict=True):
-        isolation.add_window(window, sample)
-        isolation.begin_if_due(run, suspicious=doubtful)
-    return begun
+    def isolate(self, *given: object) -> Any:
+        """Note for what a search is begun, after how many windows."""
+        self.begun.append((self._seen, given))
+        return finished(None)
+
+    def begin(self, _kind: object, _work: object, _accept: object, **how: Any) -> None:
+        """Note that it is for a state of so many numbers."""
+        assert how['size'] == 7
 
 
 @pytest.mark.parametrize(
     ('quiet', 'begun'),
     [
         (0, [24, 48, 96]),  # as often as the contradicted windows are twice as many
+        (10, [24, 40, 70]),
         (40, [41, 57, 74, 108]),  # at once where there are enough before, and sixteen later at the earliest
     ],
 )
 def test_a_search_begins_with_enough_windows_and_again_with_twice_as_many(quiet: int, begun: list[int]) -> None:
-    assert searches_begun([place >= quiet for place in range(120)]) == begun
+    nothing = IsolationResult((), Innovations.none(()))
+    assert [seen for seen, _ in Searched({}, quiet, 120, nothing).begun] == begun
+
+
+WALK = SimpleNamespace(physical=False, disturbed=True, cause='a walk', repair=None)
+
+
+@pytest.mark.parametrize(
+    ('run', 'begun'),
+    [
+        ({}, 31),
+        ({'unconfirmed_jumps': (14.9,), 'jump_times': (14.9,)}, 37),  # seven windows after it became suspicious
+        ({'unconfirmed_jumps': (14.9,), 'has_state': False}, 31),
+        ({'jump_times': (14.9,), 'hypothesis': WALK}, 38),  # the window from 18.5 s on: seven after the jump
+        ({'jump_times': (14.4, 16.0), 'hypothesis': WALK}, 37),
+        ({'jump_times': (), 'hypothesis': WALK}, 31),
+        ({'jump_times': (14.9,)}, 31),
+    ],
+)
+def test_a_search_waits_until_a_jump_may_be_seen_to_be_a_change_of_the_target(run: dict[str, Any], begun: int) -> None:
+    found = Searched(run, 30, 38)
+    (seen, (made, point, jumps, twist, leading)), *_ = found.begun
+    known = run.get('has_state', True)
+    assert (seen, len(made), jumps, twist) == (begun, begun, found.run.jump_times, 'the twist is wrong')
+    assert point == ('a point' if known else None)
+    assert leading == ('' if not known else 'a walk' if 'hypothesis' in run else 'a cause')
+    assert found.checked == [*range(24), *range(31, 38)]  # samples, while a search may need them
+    assert [each.start for each in found.windows_since(17.0)] == [17.0, 17.5, 18.0, 18.5]
+
+
+@pytest.mark.parametrize(
+    ('jumps', 'left', 'physical', 'open_jumps'),
+    [
+        ((9.4, 9.6, 15.2, 16.0), (9.4, 9.6, 15.2), True, (15.2,)),  # of a window that was suspicious, and not explained
+        ((15.2, 16.0), (), True, ()),
+        ((15.2, 16.0), (), False, (15.2, 16.0)),  # a walk has taken them up
+    ],
+)
+def test_jumps_are_open_while_a_search_is_under_way(
+    jumps: tuple[float, ...], left: tuple[float, ...], open_jumps: tuple[float, ...], *, physical: bool
+) -> None:
+    found = Searched({'jump_times': jumps}, 30, 31)
+    kind = SimpleNamespace(physical=physical)
+    found.run.best = SimpleNamespace(hypothesis=kind, jumps=[SimpleNamespace(time=time) for time in left])
+    assert found.open_jumps(found.run) == open_jumps
+    found.run.jump_times = (*jumps, 15.9)  # which it is not about
+    assert found.open_jumps(found.run) == open_jumps
+    for window in windows(48)[31:]:
+        found._windows.append(window)
+    assert found.open_jumps(found.run) == tuple(time for time in open_jumps if time > 15.5)
+    found._due = None
+    assert found.open_jumps(found.run) == ()
+
+
+REPAIR = Repair('as it is')
+
+
+def test_causes_are_those_of_the_latest_search_and_the_force_that_leads() -> None:
+    """What explains anything gains no more than the least of them, over the latest windows alone."""
+    causes = (CandidateCause('a link', 40.0, repair=REPAIR), CandidateCause('a zero', 20.0))
+    found = Searched({'log_likelihood_ratio': 30.0}, 0, 30, IsolationResult(causes, Innovations.none(())))
+    found._noise = SimpleNamespace(for_window=lambda _: SimpleNamespace(joint_position=1e-4))  # type: ignore[assignment]
+    found._samples.clear()
+    found._samples.append([])  # type: ignore[arg-type]
+    assert (found.searched, found.contradicting, found.change, found.wrong_twist) == (True, 0.0, None, '')
+    ranks: list[Any] = []
+    for physical, disturbed, known in (
+        (True, True, True),
+        (False, True, True),
+        (True, False, True),
+        (True, True, False),
+    ):
+        kind = SimpleNamespace(cause='a force', physical=physical, disturbed=disturbed, repair=None)
+        found.run.best, found.run.has_state = SimpleNamespace(hypothesis=kind), known
+        ranks.append([(each.text, each.gain) for each in found.causes(found.run)])
+    alone = [('a link', 40.0), ('a zero', 20.0)]
+    assert ranks[0] == [alone[0], ('a force', 30.0), alone[1]]
+    assert ranks[1] == [*alone, ('a force', 0.95 * 20.0)]
+    assert ranks[2:] == [alone, alone]
+    assert found.causes(found.run)[0].repair is REPAIR
+    nothing = IsolationResult((), Innovations.none(()), {'a force': REPAIR})
+    found._found, kind.disturbed, found.run.has_state = replace(nothing, causes=causes), True, True
+    assert [each.repair for each in found.causes(found.run)] == [REPAIR, REPAIR, None]
+    kind.disturbed = False
+    for over, left in ((False, 2), (True, 0)):  # a search that finds none, before the contradiction has ended and after
+        found._over = over
+        found._accept(nothing)
+        assert len(found.causes(found.run)) == left
+    found._accept(None)
+    assert found._due is None
+    before = Searched({}, 0, 20)
+    assert (before.searched, before.contradicting, before.causes(before.run)) == (False, np.inf, ())
+
+
+class Extended(CandidateCauses):
+    """Passes that say what they are extended by, and with which wider prior."""
+
+    def extended(self, *more: Any) -> Any:
+        """Return the labels of more unknowns, and the poses that count."""
+        labels = sorted({label for each in more for label in each.causes})
+        return SimpleNamespace(with_inflated_prior=lambda *given: (labels, given), odometry=self.layout.odometry)
+
+
+def test_unknowns_are_tried_with_the_prior_that_gains_most() -> None:
+    gains = {'mount': (30.0, 7.0), 'zero:joint1': (11.0, 3.0), 'zero:joint2': (9.0, 3.0), 'twist late': (12.0, 5.0)}
+    found = list(causes(Extended)._unknowns(['windows'], 'here', gains))
+    assert [each.repair for each in found] == ['mount', 'twist late', 'zero:joint1']
+    assert [each.of_twist for each in found] == [False, True, False]
+    assert [each.passes[1] for each in found] == [('mount', 7.0), ('twist late', 5.0), ('zero:joint1', 3.0)]
+    assert [each.passes[0] for each in found] == [['mount'], ['twist late'], ['zero:joint1']]
+
+
+def test_a_sensor_that_contradicts_the_others_is_noisier_than_declared_or_left_out() -> None:
+    """Noisier where its innovations are white; what chance gains by leaving it out is taken off."""
+    table: Any = {
+        'imu': (4.0, 1.1, 200.0, {'imu.noise_density': 1e-4, 'imu.other': 0.0}),
+        'poses.mocap': (4.0, 1.3, 50.0, {'poses.mocap.position_std': 1e-3}),
+        'poses.star': (9.0, 0.1, 8.0, {'poses.star.orientation_std': 0.0}),
+        'poses.fine': (0.9, 0.1, 50.0, {}),
+        BASE_SENSORS[0]: (1.0, 0.0, 120.0, {}),
+        BASE_SENSORS[3]: (1.0, 0.0, 80.0, {}),
+    }
+    ratio, correlation, count = np.array([each[:3] for each in table.values()]).T
+    innovations: Any = SimpleNamespace(sensors=tuple(table), ratio=ratio, correlation=correlation, count=count)
+    sensors = tuple(
+        SimpleNamespace(
+            name=name,
+            noise=table[name][3],
+            leave_out={f'{name}.use': False},
+            of_pose=name.startswith('poses'),
+            without=lambda window, own=name: (own, window.start),
+        )
+        for name in (*table, 'poses.unseen')
+        if name not in BASE_SENSORS and name in table
+    )
+    made: Any = causes(Extended)
+    for odometry, count_of in ((True, 4), (False, 3)):
+        layout = replace(made.layout, sensors=sensors, odometry=odometry)
+        found = list(replace(made, layout=layout)._without_sensors(windows(2), innovations))
+        assert len(found) == count_of
+        assert [each.less for each in found] == pytest.approx([20.0, 10.0, 4.0, 20.0][:count_of])
+        assert {each.weight for each in found} == {0.95}
+        parts = [some(each.repair).parameters for each in found[:3]]
+        assert parts == [{'imu.noise_density': 2e-4}, {'poses.mocap.use': False}, {'poses.star.use': False}]
+        assert found[1].text.startswith('poses.mocap contradicts the other sensors, with 2 times its noise: check')
+        assert [each.windows for each in found[:2]] == [[(name, 0.0), (name, 0.5)] for name in ('imu', 'poses.mocap')]
+    made = replace(made, layout=replace(made.layout, sensors=sensors, odometry=True))
+    last = list(made._without_sensors(windows(2), innovations))[-1]
+    assert (last.passes.odometry, last.repair) == (False, None)
+    assert all(np.isnan(each.knots.base_twist).all() for each in last.windows)
+    made = replace(made, layout=replace(made.layout, sensors=sensors[:1]))
+    assert len(list(made._without_sensors(windows(2), innovations))) == 1  # a gyro alone locates nothing

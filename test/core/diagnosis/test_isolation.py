@@ -12,21 +12,17 @@ from scipy.special import chdtri
 from scipy.stats import multivariate_normal
 
 from checked import some
-from mbaid_ros.core.diagnosis.isolation import ranked
 from mbaid_ros.core.filter.posterior import PriorComparison
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joints.faults import joint_noise_factor
 from mbaid_ros.core.odometry.faults import vibration_frequencies
 from mbaid_ros.core.passive import swinging_text
 from mbaid_ros.core.pipeline import Synchroniser
-from mbaid_ros.core.results.innovations import BASE_SENSORS, Innovations
 from mbaid_ros.core.samples import Samples
 from windowed import base_stream, joint_stream
 
 JOINT = 1e-4  # rad
 compared = PriorComparison.from_posterior
-
-SOURCES = tuple(np.repeat(BASE_SENSORS, 3).tolist())
 
 
 def test_what_is_as_certain_as_declared_gains_nothing_by_less() -> None:
@@ -75,24 +71,6 @@ def test_a_swing_is_found_beside_a_drift_and_white_noise_has_none() -> None:
 def test_a_drift_alone_is_no_swing(power: int) -> None:
     course = np.linspace(-1.0, 1.0, 80)[:, None] ** power
     assert vibration_frequencies(np.random.default_rng(0).normal(size=(80, 6)) + 40.0 * course, 0.5) == []
-
-
-def ranks(joint_noise: float) -> list[str]:
-    """Return what is named where innovations are three times as large as declared and a thing and a walk explain it."""
-    large = Innovations.none(SOURCES)
-    for _ in range(50):
-        large = large.with_window(np.full(12, 3.0), np.arange(12))
-    inquired = {'the thing': (2300.0, True), 'anything': (2390.0, False), 'a small thing': (500.0, True)}
-    return [cause.text for cause in ranked(inquired, large, joint_noise)]
-
-
-def test_a_thing_stands_before_what_explains_anything_unless_it_explains_much_less() -> None:
-    assert ranks(1.0) == ['the thing', 'anything', 'a small thing']
-
-
-def test_noise_values_are_named_where_the_samples_are_as_noisy_as_that() -> None:
-    assert any('noise.joint_position 3.0 times' in cause for cause in ranks(3.0))
-    assert not any('noise' in cause for cause in ranks(np.nan))
 
 
 NUMBERS, MEASURED = 4, 6

@@ -138,7 +138,7 @@ def test_noise_values_gain_what_the_innovations_of_all_sensors_explain() -> None
         innovations = innovations.with_window(np.repeat([3.0, 0.1, 1.0, 1.0], 3), np.arange(12))
     (cause,) = ranked({}, innovations, 1.4)
     assert cause.gain == pytest.approx(0.5 * 150.0 * (8.0 - np.log(9.0)))
-    assert ranked({}, innovations, 1.2) == ()
+    assert ranked({}, innovations, 1.2) == ranked({}, innovations, np.nan) == ()
 
 
 @pytest.mark.parametrize(('gain', 'named'), [(99.0, ['poses', 'other']), (101.0, ['twist', 'poses', 'other'])])
