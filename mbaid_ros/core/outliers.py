@@ -10,7 +10,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from mbaid_ros.core.geometry import Array, Flags, log
+from mbaid_ros.core.geometry import Array, Flags, exp, log
 from mbaid_ros.core.samples import ArrayRecord, BaseStream, ImuStream, JointStream, Stamps
 
 REPEATED = 'stamp repeated'
@@ -25,6 +25,7 @@ FLIPPED = 'orientation flipped faster than a robot turns'
 _FLIP, _FASTEST = 0.5, 3.0
 _LASTING = 500_000_000  # ns, from which another orientation is taken for the present one: single flips are shorter
 _SAME_TURN = 0.1  # rad, between flips to the same orientation
+_FITTED = 10  # readings, before and after a flip, that its turn is found from
 _FAR = 7.0  # standard deviations that no noise reaches: of a vector, one in 10^10
 _AROUND = 4.0  # times the largest misfit nearby: a motion that begins or ends is no outlier
 _BEFORE, _AFTER = 4, 3  # poses around suspicious ones
@@ -248,12 +249,12 @@ class Flips:
     """
 
     def __init__(self) -> None:
-        self._last: BaseStream | None = None  # the latest that was passed on, one reading
-        self._other: BaseStream | None = None  # the latest in another orientation, as long as that lasts
+        self._passed: BaseStream | None = None  # the latest that were passed on
+        self._others: BaseStream | None = None  # the first in another orientation, as long as that lasts
+        self._other: BaseStream | None = None  # the latest of these, one reading
         self._since = 0  # ns, when it began
-        self._turn: Array = np.eye(3)  # from the present orientation of the marker set to it
         self._back: Array = np.eye(3)  # from the present orientation of the marker set to that at the start
-        self._known: list[Array] = [np.eye(3)]  # these turns
+        self._known: list[Array] = [np.eye(3)]  # turns from that to others
         self.text = ''
         self.dropped: Counter[str] = Counter()
 
@@ -261,10 +262,13 @@ class Flips:
         """Add poses in the order of their stamps; return those passed on, None if there are none."""
         if stream is None or not len(stream.stamp):
             return None
-        joined = stream if self._last is None else stream.concatenate((self._last, stream))
+        joined = stream if self._passed is None else stream.concatenate((self._passed, stream))
+        first = len(joined.stamp) - len(stream.stamp)
         steady = self._other is None and np.array_equal(self._back, np.eye(3))
-        if steady and not np.any(_leaps(joined.rotation[:-1], joined.rotation[1:], np.diff(joined.stamp))):
-            self._last = stream[-1:]
+        pairs = slice(max(first - 1, 0), None)
+        rotation, apart = joined.rotation[pairs], np.diff(joined.stamp[pairs])
+        if steady and not np.any(_leaps(rotation[:-1], rotation[1:], apart)):
+            self._passed = joined[-_FITTED:]
             return stream
         passing = [each for place in range(len(stream.stamp)) if (each := self._decide(stream[place : place + 1]))]
         self.dropped[FLIPPED] += len(stream.stamp) - len(passing)
@@ -272,26 +276,34 @@ class Flips:
 
     def _decide(self, reading: BaseStream) -> BaseStream | None:
         """Return one reading as it passes, turned back; None if it does not."""
-        turned = self._turned_back(reading)
-        if self._last is None or not _leaps_to(self._last, turned):
-            self._last, self._other = turned, None
-            return turned
-        if self._other is None or _leaps_to(self._other, reading):
-            self._since = int(reading.stamp[0])
-            self._turn = self._last.rotation[0].T @ reading.rotation[0]
-            vector = log(self._last.rotation[0].T @ turned.rotation[0])
+        # One that goes on in the other orientation does so however near a robot may have turned to it by then.
+        if self._other is None or self._others is None or _leaps_to(self._other, reading):
+            turned = self._turned_back(reading)
+            if self._passed is None or not _leaps_to(self._passed[-1:], turned):
+                return self._pass(turned)
+            self._since, self._others = int(reading.stamp[0]), reading
+            vector = log(self._passed.rotation[-1].T @ turned.rotation[0])
             angle = float(np.linalg.norm(vector))
             axis = ', '.join(f'{each:.2g}' for each in np.round(vector / angle, 2) + 0.0)
             self.text = f'by {np.degrees(angle):.0f} degrees about ({axis}) in the axes of the base'
+        elif len(self._others.stamp) < _FITTED:
+            self._others = BaseStream.concatenate((self._others, reading))
         self._other = reading
-        if int(reading.stamp[0]) - self._since < _LASTING:
+        if int(reading.stamp[0]) - self._since < _LASTING or self._passed is None:
             return None
-        near = [known for known in self._known if np.linalg.norm(log(known.T @ self._turn)) < _SAME_TURN]
-        turn = near[0] if near else self._turn
+        between = (int(self._passed.stamp[-1]) + self._since) // 2
+        turn = _rotation_at(self._passed, between).T @ _rotation_at(self._others, between)
+        near = [known for known in self._known if np.linalg.norm(log(known.T @ turn)) < _SAME_TURN]
+        turn = near[0] if near else turn
         self._known += [] if near else [turn]
         self._back = turn.T
-        self._last, self._other = self._turned_back(reading), None
-        return self._last
+        self._passed = None
+        return self._pass(self._turned_back(reading))
+
+    def _pass(self, reading: BaseStream) -> BaseStream:
+        before = reading if self._passed is None else BaseStream.concatenate((self._passed, reading))
+        self._passed, self._other = before[-_FITTED:], None
+        return reading
 
     def _turned_back(self, reading: BaseStream) -> BaseStream:
         if np.array_equal(self._back, np.eye(3)):
@@ -306,6 +318,14 @@ def _leaps(before: Array, after: Array, apart: Stamps) -> Flags:
     """Return which turns between rotations (N, 3, 3), ns apart, are too large and fast for a robot, (N,)."""
     cosine = 0.5 * (np.einsum('nij,nij->n', before, after) - 1.0)
     return np.asarray(cosine < np.cos(np.minimum(_FLIP + _FASTEST * 1e-9 * apart, np.pi)))
+
+
+def _rotation_at(readings: BaseStream, stamp: int) -> Array:
+    """Return the orientation (3, 3) at a stamp (ns) beside N readings, that turn evenly."""
+    middle = readings.rotation[len(readings.stamp) // 2]
+    time = 1e-9 * (readings.stamp - stamp)
+    powers = np.vander(time, min(len(time), 2), increasing=True)
+    return np.asarray(middle @ exp(np.linalg.lstsq(powers, log(middle.T @ readings.rotation), rcond=None)[0][0]))
 
 
 def _leaps_to(before: BaseStream, after: BaseStream) -> bool:
