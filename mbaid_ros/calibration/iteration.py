@@ -225,7 +225,7 @@ def filter_motions(
             white = (
                 linearised if given is None else linearised.with_known(np.append(np.full(own.moving, np.nan), given))
             )
-            gaussian = update(at_window_start(gaussian, window, white, own), white)
+            gaussian = update(at_window_start(gaussian, window, white, own, UNDISTURBED), white)
             if number < len(motion.windows):
                 gaussian = advance(gaussian, white, own, UNDISTURBED)
         heads.append(_momentum_rows(gaussian, own))

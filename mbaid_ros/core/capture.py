@@ -230,6 +230,7 @@ class CaptureEstimator:
         self._waiting: deque[Samples] = deque()  # windows that may yet turn out to lie within the margin
         self._latest = -np.inf  # s, end of the last window
         self._estimates: deque[Estimate] = deque(maxlen=_REMEMBERED)
+        self._earlier: Estimate | None = None  # the last one before these that no event disturbed
         self._target_pose: tuple[float, Array, Array] | None = None  # s from the capture; R, r of the target link then
         self._at_capture: Samples | None = None  # the sample of that
         self._last: Samples | None = None  # the last sample
@@ -275,7 +276,8 @@ class CaptureEstimator:
         if later and not self._begun:
             self._begin(later, origin)
         found = self._method.update(later, origin) if later else []
-        self._estimates.extend(found)
+        for each in found:
+            self._remember(each)
         doubts = notes((*self._notes, *self._doubts()))
         return [*made, *(with_reasons(each, doubts) for each in found)]
 
@@ -285,6 +287,7 @@ class CaptureEstimator:
         self._last_before = self._last
         self._tracked, self._notes, self._begun, self._held = None, (), False, []
         self._estimates.clear()
+        self._earlier = None
 
     def _waits_for_poses(self, later: list[Samples], origin: int) -> bool:
         """Return whether poses of the target that go on are yet to show how the body is held once it has settled."""
@@ -416,13 +419,18 @@ class CaptureEstimator:
         )
         return (doubt,)
 
+    def _remember(self, estimate: Estimate) -> None:
+        """Remember an estimate; of those that are forgotten the last one that nothing disturbed."""
+        if len(self._estimates) == _REMEMBERED and self._estimates[0].time <= _first_event(self._estimates[-1]):
+            self._earlier = self._estimates[0]
+        self._estimates.append(estimate)
+
     def _undisturbed_estimate(self) -> Estimate | None:
-        """Return the last estimate whose momentum only the capture has changed."""
+        """Return the last estimate whose momentum only the capture has changed; None where a force always acts."""
         if not self._estimates:
             return None
-        times = [event.time for event in self._estimates[-1].events]
-        undisturbed = [estimate for estimate in self._estimates if not times or estimate.time <= min(times)]
-        return undisturbed[-1] if undisturbed else self._estimates[0]
+        undisturbed = [each for each in self._estimates if each.time <= _first_event(self._estimates[-1])]
+        return undisturbed[-1] if undisturbed else self._earlier
 
     def _note_target_pose(self, window: Samples, time: float) -> None:
         """Note the pose of the target link in the sample nearest to the capture."""
@@ -451,3 +459,8 @@ def _known_part(momentum: Array, covariance: Array) -> tuple[Array, Array]:
     momentum, covariance = momentum.copy(), covariance.copy()
     momentum[unknown] = covariance[unknown] = covariance[:, unknown] = np.nan
     return momentum, covariance
+
+
+def _first_event(estimate: Estimate) -> float:
+    """Return when the first event of an estimate was, s; infinite without any."""
+    return min((event.time for event in estimate.events), default=np.inf)

@@ -191,7 +191,8 @@ class SwingNoise(Unknown):
         Either amplitude takes half.
         """
         joints = np.argmax(np.abs(self.factor), axis=0) // 2
-        return np.asarray(0.5 * (rates / np.sqrt(np.sum(self.factor[1::2] ** 2, axis=1)))[:, joints] ** 2)
+        sizes = np.sqrt(np.sum(self.factor[1::2] ** 2, axis=1))
+        return np.asarray(0.5 * (rates[:, joints] / sizes[joints]) ** 2)
 
     def eased(self, part: float, unknowns: Sequence[Unknown]) -> Unknown:
         """Return it for a swing that changes by part of its start at least."""

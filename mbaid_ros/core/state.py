@@ -572,7 +572,8 @@ class Variables:
         """
         expected = np.where(np.arange(len(mean)) < BODY.stop, 0.0, mean)
         expected[BODY.start] = 0.0 if exchanged else mean[BODY.start]
-        return replace(self, mean=expected, previous_information=self.without_force(root))
+        bias = None if exchanged else self.previous_bias  # information of the body that is gone
+        return replace(self, mean=expected, previous_information=self.without_force(root), previous_bias=bias)
 
     def without_force(self, root: Array) -> Array:
         """Return the (v, v + 1) square-root information, and z, of a root as of `for_new_target`."""

@@ -409,6 +409,7 @@ class SwingTrajectory:
         # By the interval after a window: the least and the highest deflections, (2, f), and whether it was closed.
         self._deflections: OrderedDict[int, tuple[Array, bool]] = OrderedDict()
         self._largest: Array | None = None  # (f,) deflections in the closed ones of these; None where they have changed
+        self._forgotten: Array = np.zeros(())  # (f,) largest in closed windows that are not among these any more
 
     @np.errstate(over='ignore', invalid='ignore')  # a swing without bounds is noticed
     def predict(
@@ -457,7 +458,7 @@ class SwingTrajectory:
         own, _ = self._deflections[_end(window)]
         if self._largest is None:
             closed = [each for each, whole in self._deflections.values() if whole]
-            self._largest = np.abs([np.zeros_like(own), *closed]).max(axis=(0, 1))
+            self._largest = np.abs([np.zeros_like(own) + self._forgotten, *closed]).max(axis=(0, 1))
         return np.vstack((np.maximum(self._largest, np.abs(own).max(axis=0)), own))
 
     def _guessed(self, part: _Part, point: Point) -> Array:
@@ -528,11 +529,13 @@ class SwingTrajectory:
         for kept, most in (
             (ends, _WINDOWS),
             (self._guesses, _WINDOWS),
-            (self._deflections, 2 * _WINDOWS),  # open and closed
             (self._ends, _POINTS),
         ):
             while len(kept) > most:
                 kept.popitem(last=False)
+        while len(self._deflections) > 2 * _WINDOWS:  # open and closed
+            _, (each, whole) = self._deflections.popitem(last=False)
+            self._forgotten = np.maximum(self._forgotten, np.abs(each).max(axis=0) if whole else 0.0)
 
 
 def _largest(step: Array, rates: Array) -> float:

@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from checked import answer, central_difference, generic, same, some
 from mbaid_ros.core.capture import BEFORE, CaptureEstimator, KnownMomentum
 from mbaid_ros.core.geometry import Array, cross, exp
 from mbaid_ros.core.odometry.model import odometry_mount
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import Estimate, Event
 from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.samples import FEWEST, Samples
 from mbaid_ros.core.target import debris
@@ -150,6 +151,24 @@ def test_the_robot_at_the_capture_is_the_sample_nearest_to_it() -> None:
     placed = chaser().states(latest[7:8])
     assert rotation == pytest.approx(placed.rotation[0])
     assert position == pytest.approx(latest.base_position[7] + placed.position[0])
+
+
+@pytest.mark.parametrize(
+    ('since', 'kind', 'momentum'), [(60.0, 'step', 30.0), (11.2, 'step', np.nan), (0.0, 'ramp', np.nan)]
+)
+def test_the_body_brought_what_was_there_before_an_event(
+    since: float, kind: Literal['step', 'ramp'], momentum: float
+) -> None:
+    made = announced()
+    event = Event(since, kind, np.ones(3), np.zeros(3), 'a push')
+    for place in range(400):
+        time = 11.5 + 0.5 * place
+        pushed = time > since
+        of_all = np.full(6, 35.0 if pushed else 30.0)
+        made._remember(Estimate('trajectory', 'converged', time, momentum=of_all, events=(event,) * pushed))
+        found = made._undisturbed_estimate()
+        brought = np.nan if found is None else found.momentum[0]
+        assert brought == pytest.approx(30.0 if time <= since else momentum, nan_ok=True)
 
 
 def test_nothing_is_taken_for_a_capture_that_is_none() -> None:

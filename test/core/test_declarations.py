@@ -63,6 +63,8 @@ def test_an_excited_swing_dies_down_by_its_damping() -> None:
     # Rates of the size of the stationary ones, 1 and .3 rad/s: half of the variance is in either amplitude.
     found = both.process_variances(np.array([[1.0, 0.3], [2.0, 0.6]]))
     assert found == pytest.approx(np.array([[0.5] * 4, [2.0] * 4]))
+    half = swing_noise(NAMES, [0.0, 0.1], RATES, RATIOS)  # the first is exact
+    assert half.process_variances(np.array([[1.0, 0.3]])) == pytest.approx(np.array([[0.5] * 2]))
     assert both.linearisation_value(np.ones(4), np.ones(4)).tolist() == [0.0] * 4
     nominal = on_springs()
     assert both.applied_to(nominal, np.ones(4)) is nominal

@@ -181,3 +181,18 @@ def test_only_a_grasp_that_gives_keeps_its_declaration() -> None:
         springs = Springs(places, rates, np.full(len(places), 0.01), np.zeros((2, len(places))))
         warnings = soft_grasp_warnings(MomentumKernel(model, 'link7').with_springs(springs))
         assert [text.split()[0] for text in warnings] == (['joint7'] if name == 'grasp' else [])
+
+
+def test_the_largest_deflection_outlasts_the_windows_that_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(swing, '_WINDOWS', 8)
+    case = Case('panels')
+    course, largest = SwingTrajectory(case.layout, predict), 0.0
+    point = case.point(case.state[case.layout.parameters])
+    for place in range(30):
+        columns = np.full((12, 1, 4, 3), 0.2 if place == 2 else 0.001)
+        whole: Any = SimpleNamespace(inside=slice(0, 10), intervals=12, ends=(place,))
+        course._remember(whole, columns, point)
+        window: Any = SimpleNamespace(start=0.5 * place, length=0.5)
+        monkeypatch.setattr(swing, '_end', lambda _, place=place: place)
+        largest = course.deflections(window)[0, 0]
+    assert largest == 0.2

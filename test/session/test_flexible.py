@@ -17,7 +17,7 @@ from mbaid_ros.errors import ParameterError
 from mbaid_ros.parameters import build
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_run import SimulatedRun, TimedMessage
-from sessions import NOISE, feed
+from sessions import NOISE, fed, feed
 from simulated import CONFIG
 from unchanged import Unchanged
 
@@ -149,3 +149,13 @@ def test_a_frequency_far_from_its_declaration_contradicts() -> None:
 def test_what_is_declared_has_to_fit_the_robot(parameters: dict[str, object], text: str) -> None:
     with pytest.raises(ParameterError, match=text):
         session(ROBOTS['panels'][0], **parameters)
+
+
+def test_calls_make_no_difference_to_what_swings() -> None:
+    urdf, *_ = ROBOTS['panels']
+    _, messages = simulated('panels', 1, 14.0)
+    said = [(each.topic, each.message) for each in messages]
+    ends = [fed(session(urdf, **declared('panels', 0.02)), said, count)[-1] for count in (100_000, 40)]
+    assert ends[0].identifiable.any()
+    assert ends[0].parameters.tolist() == ends[1].parameters.tolist()
+    assert ends[0].std.tolist() == ends[1].std.tolist()

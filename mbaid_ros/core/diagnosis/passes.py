@@ -203,11 +203,14 @@ class FilterPasses:
         mean, force = np.split(gaussian.least_squares, [len(own.scale)])
         mean[: own.pose_size] = 0.0
         found = []
-        for _, white in reversed(passed):
+        after_gap = 0.0  # s, before the window that follows
+        for window, white in reversed(passed):
+            times = 1.0 + after_gap / white.length
             if hypothesis.force != 'none':
-                mean[own.pose_size : own.moving] -= white.force_impulse(hypothesis.force) @ force
-            mean[own.pose_size : own.moving] -= white.momentum_change @ mean
+                mean[own.pose_size : own.moving] -= times * white.force_impulse(hypothesis.force) @ force
+            mean[own.pose_size : own.moving] -= times * white.momentum_change @ mean
             found.append(white.drift + white.transition @ mean)
+            after_gap = window.gap
         return np.array(found[::-1])
 
     def gains(self, base: SquareRootInformation, declared: Collection[str]) -> dict[str, tuple[float, float]]:

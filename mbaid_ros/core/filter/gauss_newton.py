@@ -359,7 +359,10 @@ def momentum_drift(
     whites = [white for _, white in windows]
     impulses = _impulses(whites, values, pushing, axes, variables)
     if course is None:
-        offsets = -np.cumsum(impulses[::-1], axis=0)[::-1]
+        gaps = np.array([window.gap for window, _ in windows[1:]])[:, None] / whites[-1].length
+        through = impulses.copy()
+        through[:-1] += gaps * impulses[1:]
+        offsets = -np.cumsum(through[::-1], axis=0)[::-1]
     else:
         momenta = values[:, variables.pose_size : variables.moving]
         offsets = momenta - impulses - momenta[-1]

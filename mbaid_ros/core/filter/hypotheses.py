@@ -48,6 +48,12 @@ class HypothesisFilter:
     # (p, f) change of the momentum by a constant force so far, in the filter's variables
     force_impulse: Array = field(default_factory=lambda: np.zeros(()))
 
+    def after_gap(self, window: Window, white: WhitenedWindow) -> HypothesisFilter:
+        """Return the same at the start of a window, with the change by a constant force in a gap before it."""
+        if self.hypothesis.force == 'none' or not window.gap:
+            return self
+        return replace(self, force_impulse=self.force_impulse + white.impulse_in_gap(self.hypothesis.force, window))
+
     def advanced(self, step: SquareRootInformation, white: WhitenedWindow) -> HypothesisFilter:
         """Return the same at the next window's first knot, where it shares the root of `step`."""
         force = self.hypothesis.force
@@ -108,8 +114,8 @@ def update_bank(
         groups.setdefault(key, []).append(index)
     after = list(bank)
     for indices in groups.values():
-        group = [bank[index] for index in indices]
-        before = at_window_start(group[0].gaussian, window, white, variables)
+        group = [bank[index].after_gap(window, white) for index in indices]
+        before = at_window_start(group[0].gaussian, window, white, variables, group[0].hypothesis)
         found = update_together(before, [filtered.gaussian for filtered in group], white)
         jumped = _with_jumps(group, found, before, window, white, variables)
         steps: dict[int, SquareRootInformation] = {}  # to the next knot, by the root that hypotheses share by now

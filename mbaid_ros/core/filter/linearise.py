@@ -661,6 +661,10 @@ class WhitenedWindow:
         """Return the change of the momentum by a constant force and torque in these axes, (p, f)."""
         return self.momentum_by_force[_ACTING.index(axes)]
 
+    def impulse_in_gap(self, axes: Axes, window: Window) -> Array:
+        """Return the same over the gap before the window, (p, f): on the robot as it is after that."""
+        return window.gap / self.length * self.force_impulse(axes)
+
 
 def whitened_windows(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]:
     """Return B windows in the filter's variables."""
@@ -851,7 +855,9 @@ class LinearisationCache:
             self._made.clear()
         if window not in self._made:
             turn = self._turn.get(window)
-            together = [window] if turn is None else self._coming[turn : turn + TOGETHER]
+            # Passive joints are followed from the window before: how calls are cut must make no difference.
+            count = TOGETHER if self._course is None else 1
+            together = [window] if turn is None else self._coming[turn : turn + count]
             self._made.update(self.all_whitened(stacked(together), point))
         return self._made.pop(window)
 

@@ -124,15 +124,30 @@ def _at_next_window(
 
 
 def at_window_start(
-    gaussian: SquareRootInformation, window: Window, white: WhitenedWindow, variables: Variables
+    gaussian: SquareRootInformation,
+    window: Window,
+    white: WhitenedWindow,
+    variables: Variables,
+    hypothesis: Hypothesis,
 ) -> SquareRootInformation:
-    """Return the Gaussian at the start of a window; with an unknown pose error where the chain was broken before it."""
+    """Return the Gaussian at the start of a window; with an unknown pose error where the chain was broken before it.
+
+    Constant forces and the walks of a hypothesis act on through a gap.
+    """
     if not window.after_gap:
         return gaussian
-    change = None
+    root, change = gaussian.conditional.marginal, None
     if window.gap and white.momentum_change.any():
         change = momentum_change(white.momentum_change, white.length, window.gap, variables)
+    if window.gap and root.forces:
+        acting = [white.impulse_in_gap(axes, window) for axes in root.forces]
+        right = root.right.copy(order='F')
+        right[:, 2:] -= root.triangle[:, variables.pose_size : variables.moving] @ np.concatenate(acting, axis=1)
+        gaussian = replace(gaussian, conditional=replace(root, right=right))
     after = pose_reset(gaussian, variables, change)
+    if window.gap and hypothesis.random_walk.size:
+        walked = variables.from_state[: variables.moving, :12] @ hypothesis.random_walk
+        after = with_process_noise(after, np.sqrt(window.gap) * walked)
     if not (window.gap and variables.random_walk.shape[1]):
         return after
     walk = np.sqrt(window.gap) * variables.random_walk

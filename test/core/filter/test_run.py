@@ -217,7 +217,7 @@ def pushed_run(axes: str) -> tuple[Any, Any, Layout, Variables]:
     for place in range(4):
         brought, push = rng.normal(size=(6, len(space.scale))), rng.normal(size=(6, 6))
         white = SimpleNamespace(momentum_change=brought, force_impulse=lambda _, push=push: push, length=0.5)
-        windows.append((SimpleNamespace(start=0.5 * place, length=0.5), white))
+        windows.append((SimpleNamespace(start=0.5 * place, length=0.5, gap=0.0), white))
     numbers = np.abs(rng.normal(size=len(space.scale) + 6 * (axes != 'none')))
     gaussian = SimpleNamespace(axes=axes, mean_and_shift=lambda: (numbers, 0.0 * numbers))
     return windows, gaussian, layout, space
@@ -238,6 +238,9 @@ def test_the_momentum_of_earlier_windows_is_less_by_what_constant_forces_have_br
     assert len(constant) == 3
     assert found.offsets == pytest.approx(-np.cumsum(brought[::-1], axis=0)[::-1])
     assert found.starts.tolist() == [0.0, 0.5, 1.0, 1.5]
+    windows[2][0].gap = 3.0  # six windows as the one after it
+    later = some(momentum_drift(windows, gaussian, space, layout)).offsets
+    assert later - found.offsets == pytest.approx(-6.0 * np.outer([1.0, 1.0, 0.0, 0.0], brought[2]))
     assert (found.instant, found.central) == (2.0, axes != 'body')
     assert found.rate == pytest.approx(brought[-1] / 0.5)
     body = space.to_state[BODY.start] @ numbers[:count]

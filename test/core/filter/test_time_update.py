@@ -9,6 +9,7 @@ import pytest
 
 from mbaid_ros.core.contracts import UNDISTURBED, Axes, Hypothesis
 from mbaid_ros.core.filter.gaussian import SquareRootInformation, update
+from mbaid_ros.core.filter.hypotheses import HypothesisFilter
 from mbaid_ros.core.filter.linearise import WhitenedWindow
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.filter.time_update import (
@@ -178,10 +179,41 @@ def test_what_walks_goes_on_walking_in_a_gap(gap: float) -> None:
     space, white, before = walking(6)
     walks = space.random_walk
     coming = joint_window(np.zeros((BEFORE + 10 + AFTER, 2)), 0.0)
-    after = at_window_start(before, replace(coming, after_gap=True, gap=gap), white, space)
-    still = at_window_start(
-        before, replace(coming, after_gap=True, gap=gap), white, replace(space, random_walk=np.zeros((0, 0)))
-    )
+    after = at_window_start(before, replace(coming, after_gap=True, gap=gap), white, space, UNDISTURBED)
+    resting = replace(space, random_walk=np.zeros((0, 0)))
+    still = at_window_start(before, replace(coming, after_gap=True, gap=gap), white, resting, UNDISTURBED)
     more: Array = np.zeros((STATE, STATE))
     more[-UNKNOWNS:, -UNKNOWNS:] = gap * walks @ walks.T
     assert covariance_of(after, space) == pytest.approx(covariance_of(still, space) + more, rel=1e-8, abs=1e-8)
+
+
+@pytest.mark.parametrize('gap', [0.0, 3.0])
+@pytest.mark.parametrize('axes', ['inertial', 'inertial on the base', 'body'])
+def test_a_constant_force_acts_on_in_a_gap(axes: Axes, gap: float) -> None:
+    """Half a second of it is one window's: the momentum, given the force, changes by as many of these as fit in."""
+    rng = np.random.default_rng(7)
+    space = variables(rng)
+    white = prepare(window(rng), space)
+    state, wrench = rng.normal(size=STATE), rng.normal(size=6)
+    known_force = np.column_stack((np.eye(6), np.zeros(6), np.linalg.solve(space.force, wrench)))
+    prior = SquareRootInformation.from_root(np.eye(STATE), space.from_state @ state, (axes,), space)[0]
+    hypothesis = Hypothesis('', force=axes)
+    coming = replace(joint_window(np.zeros((BEFORE + 10 + AFTER, 2)), 0.0), after_gap=True, gap=gap)
+    found = at_window_start(replace(prior, force=known_force), coming, white, space, hypothesis)
+    after = MeanAndCovariance.from_gaussian(found, space)
+    change = gap / 0.5 * after.impulse_of_force(white.force_impulse(axes))
+    assert after.mean[6:12] == pytest.approx(state[6:12] + change)
+    filtered = HypothesisFilter(hypothesis, found, force_impulse=white.force_impulse(axes))
+    assert after.impulse_of_force(filtered.after_gap(coming, white).force_impulse) == pytest.approx(
+        (1.0 + gap / 0.5) * after.impulse_of_force(white.force_impulse(axes))
+    )
+
+
+def test_a_hypothesis_walks_on_in_a_gap() -> None:
+    space, white, before = walking(8)
+    hypothesis = Hypothesis('', momentum=2.0)
+    coming = replace(joint_window(np.zeros((BEFORE + 10 + AFTER, 2)), 0.0), after_gap=True, gap=3.0)
+    still, after = (at_window_start(before, coming, white, space, each) for each in (UNDISTURBED, hypothesis))
+    more = 3.0 * hypothesis.random_walk @ hypothesis.random_walk.T
+    moved = covariance_of(after, space) - covariance_of(still, space)
+    assert moved[6:12, 6:12] == pytest.approx(more[6:12, 6:12], rel=1e-6, abs=1e-6)

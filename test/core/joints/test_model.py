@@ -184,6 +184,10 @@ def test_what_is_left_of_a_run_that_a_force_acted_in() -> None:
     factor, before = np.linalg.inv(left[:, :-1]), np.linalg.inv(root)
     assert factor @ factor.T == pytest.approx((before @ before.T)[:size, :size])
     assert factor @ left[:, -1] == pytest.approx((before @ both[:, -1])[:size])
+    continued = replace(space, previous_bias=np.ones((10, 11)))
+    for exchanged in (False, True):  # noise in the rows of another body says nothing of this one
+        following = continued.for_new_target(both, np.ones(size), exchanged=exchanged)
+        assert following.bias.any() is np.bool_(not exchanged)
 
 
 @pytest.mark.long
