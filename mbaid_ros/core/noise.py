@@ -465,7 +465,7 @@ def candidates(seen: DifferenceVariances, time: float, declared: str) -> ErrorMo
     longest = times[cost <= np.min(cost) + _LIKELY][-1]
     if not time and cost[0] <= np.min(cost) + _CLEAR and longest < 2.0 * seen.strides[0]:
         return every[:1]
-    return every[times > 0.0] if np.argmin(cost) or longest else every[:1]
+    return every[times > 0.0]
 
 
 def likeliest(pose: ErrorModels, twist: ErrorModels, drift: DifferenceVariances, ratio: Array) -> Correlation:

@@ -96,8 +96,8 @@ class Knots(ArrayRecord):
 
     def __post_init__(self) -> None:
         """Fill in the default."""
-        if self.readings.shape[: self.spread.ndim] != self.spread.shape:
-            object.__setattr__(self, 'readings', np.zeros((*self.spread.shape, 2, 0)))
+        if len(self.readings) != len(self.spread):
+            object.__setattr__(self, 'readings', np.zeros((len(self.spread), 2, 0)))
 
     @property
     def empty(self) -> Flags:
@@ -234,10 +234,10 @@ class Midpoints(ArrayRecord):
     further: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
-        """Replace omitted arrays by arrays of no columns."""
+        """Replace omitted arrays by arrays of no columns; those of stacks are given."""
         for name in ('stored', 'gravity_columns', 'thrust', 'further'):
-            if getattr(self, name).shape[: self.turn.ndim - 1] != self.turn.shape[:-1]:
-                object.__setattr__(self, name, np.zeros((*self.turn.shape[:-1], 0)))
+            if len(getattr(self, name)) != len(self.turn):
+                object.__setattr__(self, name, np.zeros((len(self.turn), 0)))
 
     @property
     def flat(self) -> Midpoints:

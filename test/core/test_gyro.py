@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
-from checked import some
+from checked import generic, some
+from mbaid_ros.core.contracts import Motion
 from mbaid_ros.core.geometry import Array, cross, exp, log, rotate
 from mbaid_ros.core.gyro import (
+    DRIFT,
     SATURATED,
     DeadReckoning,
     GyroErrors,
@@ -17,6 +21,7 @@ from mbaid_ros.core.gyro import (
     RateIntegrator,
     _preintegrated,
     declared_gyro,
+    drifting_gyro,
     gyro,
     gyro_check,
     gyro_sensor,
@@ -27,7 +32,7 @@ from mbaid_ros.core.odometry.model import parabolic_weights
 from mbaid_ros.core.odometry.stream import AttachedFrame
 from mbaid_ros.core.robot.model import Kinematics
 from mbaid_ros.core.samples import BaseStream, ImuStream, JointStream, Samples, Stamps
-from observed import MID
+from observed import MID, kernel
 from simulated import robot
 
 SERVICER = robot('servicer7')
@@ -152,6 +157,19 @@ def test_other_axes_and_units_are_reported(matrix: Array, reported: str, link: s
     found = [check.update(window(rng, 0.5 * number, matrix, link)) for number in range(20)][-1]
     assert reported in (found.text if found else '')
     assert bool(found) == bool(reported)
+
+
+def test_a_drift_is_repaired_by_a_walk_that_goes_as_far_in_half_a_minute() -> None:
+    unknown = drifting_gyro('gyros.hand', 1e-7)
+    cause, value = f'{DRIFT}:hand', np.array([0.0, 1e-4, 0.0])
+    assert unknown.causes == (cause,) * 3
+    found = unknown.repair(cause, value, 0.1 * value, kernel('servicer7'))
+    assert found.parameters == {'gyros.hand.bias_walk': 1e-3}
+    assert found.cause == 'the bias of the gyro hand drifts by 6 mrad/s a minute'
+    axes, time = exp(generic(5, 2, 3)), np.array([3.0, 7.0])
+    motion = cast('Motion', SimpleNamespace(time=time, axes=axes))
+    assert np.array_equal(some(unknown.measured('gyros.hand', motion)), time[:, None, None] * axes)
+    assert unknown.measured('imu', motion) is None
 
 
 GENERATOR = np.random.default_rng(1)

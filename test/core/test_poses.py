@@ -23,6 +23,7 @@ from mbaid_ros.core.geometry import Array, exp, log, quaternion_from_rotation, r
 from mbaid_ros.core.noise import FoundNoise
 from mbaid_ros.core.outliers import OUTLIER, ResidualGate
 from mbaid_ros.core.poses import (
+    DRIFT,
     EARLY,
     TURNING,
     NamedPoseConfig,
@@ -46,6 +47,7 @@ from mbaid_ros.session.repairing import RepairPolicy
 from mbaid_ros.session.session import Session
 from mbaid_ros.simulated_robot import make_simulation
 from mbaid_ros.simulated_run import SimulatedRun
+from observed import kernel
 from sessions import NOISE, fed
 from simulated import robot
 from streams import urdf
@@ -545,6 +547,26 @@ def test_a_drift_moves_a_pose_as_a_world_that_turns_and_moves_does() -> None:
     assert part.causes == (f'{TURNING}:mocap',) * 3
     assert np.array_equal(some(part.measured('poses.mocap', cast('Motion', motion)))[0], columns[:3])
     assert part.measured('poses.camera', cast('Motion', motion)) is None
+
+
+@pytest.mark.parametrize(
+    ('kind', 'measures', 'parameters', 'text'),
+    [
+        (TURNING, 'both', {'poses.mocap.turning_std': 5e-4}, 'the orientation of mocap drifts by 15 mrad a minute'),
+        (DRIFT, 'orientation', {'poses.mocap.turning_std': 5e-4}, 'mocap drifts by 15 mrad a minute'),
+        (DRIFT, 'both', {'poses.mocap.use': False}, 'mocap drifts by 15 mrad and 60 mm a minute'),
+        (DRIFT, 'position', {'poses.mocap.use': False}, 'mocap drifts by 60 mm a minute'),
+    ],
+)
+def test_a_drift_is_declared_as_large_as_it_is_and_positions_that_drift_are_left_out(
+    kind: str, measures: str, parameters: dict[str, object], text: str
+) -> None:
+    value = np.array([0.0, 2.5e-4, 0.0, 1e-3, 0.0, 0.0])
+    value[:3] *= measures != 'position'
+    value[3:] *= measures != 'orientation' and kind == DRIFT
+    unknown = pose_drift('mocap', measures, 1e-6, 1e-6 * (kind == DRIFT))
+    found = unknown.repair(f'{kind}:mocap', value, 0.1 * value, kernel(ROBOT))
+    assert (found.parameters, found.cause) == (parameters, text)
 
 
 TURN = exp(np.array([0.0, 0.0, 0.5 * np.pi]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, TypeVar
@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 import pytest
 
-from checked import some
+from checked import returned, some
 from mbaid_ros.core.contracts import UNDISTURBED, Hypothesis
 from mbaid_ros.core.diagnosis.isolation import (
     CandidateCause,
@@ -33,17 +33,6 @@ Outcome = TypeVar('Outcome')
 KERNEL = kernel('table1')
 JOINTS = KERNEL.model.joints
 NIS = 1000  # innovations squared, of as many numbers, that a pass leaves which explains all
-
-
-def outcome(work: Generator[int, None, Outcome]) -> Outcome:
-    """Return the outcome of a long computation."""
-    found: list[Outcome] = []
-
-    def kept() -> Iterator[int]:
-        found.append((yield from work))
-
-    assert all(cost > 0 for cost in kept())
-    return found[0]
 
 
 def finished(value: Outcome) -> Generator[int, None, Outcome]:
@@ -153,10 +142,10 @@ def test_the_point_that_explains_most_is_the_base() -> None:
     wide: Any = SimpleNamespace(
         linearised=linearised, filtered=lambda point, _: finished(passed(likelihoods[point])), hypotheses=()
     )
-    point, whole, gaussian = outcome(causes()._base(wide, [], ['none', 'first', 'second', 'third']))
+    point, whole, gaussian = returned(causes()._base(wide, [], ['none', 'first', 'second', 'third']))
     assert (point, whole, gaussian.log_likelihood) == ('second', 'second', -30.0)
     with pytest.raises(np.linalg.LinAlgError):
-        outcome(causes()._base(wide, [], ['none']))
+        returned(causes()._base(wide, [], ['none']))
 
 
 class Swinging(CandidateCauses):
@@ -190,7 +179,7 @@ def test_the_likeliest_joint_to_swing_is_tried_with_other_sizes(
     likelihoods: dict[tuple[int, float], float], explained: bool, found: tuple[int, float, float] | None
 ) -> None:
     made = causes(type('Made', (Swinging,), {'likelihoods': likelihoods, 'explained': explained}))
-    result = outcome(made._swinging(windows(6), 'a point', passed(-200.0, explains=False).gaussian))
+    result = returned(made._swinging(windows(6), 'a point', passed(-200.0, explains=False).gaussian))
     if found is None:
         assert result == []
         return
@@ -253,7 +242,7 @@ def test_a_varying_force_has_the_roughest_process_that_is_likely(
     likelihoods: dict[tuple[str, float, float], float], found: tuple[float, float, float]
 ) -> None:
     made: Any = causes(type('Made', (Pushed,), {'likelihoods': likelihoods}))
-    torque, force = outcome(made._process([], None, -500.0))
+    torque, force = returned(made._process([], None, -500.0))
     mass = float(np.sum(KERNEL.known[:, 0]))
     assert (torque.deviation, force.deviation) == tuple(widened(level * mass) for level in found[:2])
     assert torque.time == force.time == found[2]
@@ -278,7 +267,7 @@ def moved(count: int) -> list[Window]:
 )
 def test_when_a_target_may_have_changed(times: list[float], explained: bool, asked: list[tuple[int, bool]]) -> None:
     made = causes(type('Made', (Target,), {'asked': [], 'explained': explained}))
-    result = outcome(made._target_changes(moved(20), 'a point', times, passed(-300.0).gaussian))
+    result = returned(made._target_changes(moved(20), 'a point', times, passed(-300.0).gaussian))
     assert made.asked == asked
     assert [(each.gain, each.change is not None) for each in result] == (
         [(200.0 - asked[0][0], explained)] if asked else []
@@ -346,7 +335,7 @@ def isolated(jumps: Sequence[float] = (), **given: object) -> tuple[IsolationRes
     parts = {'found': {}, 'force': 450.0, 'pulses': (), 'explained': True, 'swung': [], 'changed_at': []}
     walk = Hypothesis('walk', 'a walk', physical=False)
     made = causes(type('Made', (Isolating,), parts | given), Hypothesis('force', 'a force'), walk)
-    return outcome(made.isolate(windows(20), None, jumps)), made
+    return returned(made.isolate(windows(20), None, jumps)), made
 
 
 def test_all_gains_of_a_search_are_over_the_same_pass_and_small_ones_are_none() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from checked import generic
+from checked import generic, returned
 from mbaid_ros.core.contracts import UNDISTURBED, Hypothesis
 from mbaid_ros.core.diagnosis.passes import FilterPasses, estimated_repair
 from mbaid_ros.core.filter.gaussian import SquareRootInformation
@@ -134,19 +134,21 @@ def test_windows_are_predicted_by_the_momentum_at_their_own_time(force: str) -> 
                 drift=rng.normal(size=6),
                 momentum_change=brought,
                 force_impulse=lambda axes, push=push: push if axes == 'body' else None,
+                length=0.5,
             )
         )
     mean, acting = generic(4, count), generic(5, 6)
     after, expected = mean.copy(), []
     after[: space.pose_size] = 0.0
-    for white in windows:
+    for white, gap in zip(windows, (0.0, 0.7, 0.0, 0.0), strict=True):  # s after each, in which all act on
         expected.append(white.drift + white.transition @ after)
         push = white.force_impulse('body') @ acting if force == 'body' else 0.0
-        after[own] = after[own] + white.momentum_change @ after + push
+        after[own] += (1.0 + gap / 0.5) * (white.momentum_change @ after + push)
     gaussian: Any = SimpleNamespace(least_squares=np.concatenate((after, acting if force == 'body' else np.zeros(0))))
     gaussian.least_squares[: space.pose_size] = 7.0  # the pose error is another one in each window
     hypothesis = Hypothesis('pushed', force='body') if force == 'body' else UNDISTURBED
-    found = PASSES.unpredicted([(None, white) for white in windows], gaussian, hypothesis)  # type: ignore[misc]
+    before: list[Any] = [SimpleNamespace(gap=gap) for gap in (3.0, 0.0, 0.7, 0.0)]
+    found = PASSES.unpredicted([*zip(before, windows, strict=True)], gaussian, hypothesis)
     assert found == pytest.approx(np.array(expected))
 
 
@@ -184,15 +186,10 @@ def test_the_best_of_three_passes_counts(
     kind = type('Made', (Refined,), {'likelihoods': likelihoods, 'points': []})
     made = kind(LAYOUT, PlaneDetector(SERVICER.model), Declared())
     start: Any = 'start'
-    found: list[Any] = []
-
-    def kept() -> Generator[int, None, None]:
-        found.append((yield from made.refined([], start, UNDISTURBED)))
-
+    work = made.refined([], start, UNDISTURBED)
     if best is None:
         with pytest.raises(np.linalg.LinAlgError):
-            sum(kept())
+            returned(work)
     else:
-        assert sum(kept()) > 0
-        assert found[0].gaussian.log_likelihood == best
+        assert returned(work).gaussian.log_likelihood == best
     assert made.points == points

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from typing import Any
@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from checked import generic
+from checked import generic, returned
 from mbaid_ros.core.clocks import restamped
-from mbaid_ros.core.contracts import Convention
 from mbaid_ros.core.diagnosis.readings import (
     as_read,
     joints_by_another_clock,
@@ -34,17 +33,6 @@ MOUNT = np.array([0.785, -0.873, 0.576, -0.1, 0.4, 0.2])  # rad, 75 degrees in a
 def windows() -> tuple[Window, ...]:
     """Return 22 s of servicer7 in windows of half a second."""
     return tuple(half_second_windows(observe(configured_motion('servicer7', 25.0, 100.0), MID, 3)))
-
-
-def finished(work: Generator[int, None, list[Convention]]) -> list[Convention]:
-    """Return the outcome of a search."""
-    found: list[Convention] = []
-
-    def outcome() -> Generator[int, None, None]:
-        found.extend((yield from work))
-
-    list(outcome())
-    return found
 
 
 def joints_read(change: Callable[[Array], Array]) -> list[Window]:
@@ -102,7 +90,7 @@ def test_several_wrong_joints_are_named_together_and_undone(
     read: Callable[[], list[Window]], said: str, unchanged: Unchanged
 ) -> None:
     wrong_windows = read()
-    (found,) = finished(mapped_joints(kernel('servicer7'), wrong_windows))
+    (found,) = returned(mapped_joints(kernel('servicer7'), wrong_windows))
     assert said in found.text
     unchanged.values(meant=(found.text, found.misfit_left, found.repair))
     for undone, true in zip(found.windows(wrong_windows), windows(), strict=True):
@@ -113,13 +101,13 @@ def test_several_wrong_joints_are_named_together_and_undone(
 
 
 def test_joints_as_they_are_meant_are_not_mapped() -> None:
-    assert finished(mapped_joints(kernel('servicer7'), windows())) == []
+    assert returned(mapped_joints(kernel('servicer7'), windows())) == []
 
 
 @pytest.mark.parametrize('clock', [0.92, 1.06])
 def test_joints_by_a_clock_of_another_rate_are_named_and_undone(clock: float, unchanged: Unchanged) -> None:
     read = restamped(windows(), rate=1.0 / clock)
-    (found,) = finished(joints_by_another_clock(kernel('servicer7'), read))
+    (found,) = returned(joints_by_another_clock(kernel('servicer7'), read))
     assert f'the stamps of the joint states run {clock:g}' in found.text
     assert found.repair is not None
     unchanged.values(meant=(found.text, found.misfit_left, found.repair))
@@ -132,7 +120,7 @@ def test_joints_by_a_clock_of_another_rate_are_named_and_undone(clock: float, un
 
 
 def test_joints_by_the_clock_of_the_poses_have_no_other_rate() -> None:
-    assert finished(joints_by_another_clock(kernel('servicer7'), windows())) == []
+    assert returned(joints_by_another_clock(kernel('servicer7'), windows())) == []
 
 
 def mounted(rotation: Array, position: Array) -> tuple[Array, Array]:
@@ -161,7 +149,7 @@ def test_the_poses_of_another_frame_on_the_base_are_placed(
     change: Callable[[Array, Array], tuple[Array, Array]], said: str, unchanged: Unchanged
 ) -> None:
     read = poses_read(change)
-    (found,) = finished(placed_bases(kernel('servicer7'), read, None))
+    (found,) = returned(placed_bases(kernel('servicer7'), read, None))
     assert said in found.text
     unchanged.values(meant=(found.text, found.misfit_left, found.repair))
     assert 'turned by 75 degrees about' in found.text
@@ -180,7 +168,7 @@ def test_the_poses_of_another_frame_on_the_base_are_placed(
 )
 def test_a_length_scale_is_named_by_its_unit_or_size(times: float, said: str, unchanged: Unchanged) -> None:
     read = poses_read(lambda rotation, position: (rotation, times * position))
-    (found,) = finished(scaled_positions(kernel('servicer7'), read))
+    (found,) = returned(scaled_positions(kernel('servicer7'), read))
     assert said in found.text
     unchanged.values(meant=(found.text, found.misfit_left, found.repair))
     assert found.repair is not None
@@ -189,16 +177,16 @@ def test_a_length_scale_is_named_by_its_unit_or_size(times: float, said: str, un
 
 
 def test_metres_are_no_other_unit() -> None:
-    assert finished(scaled_positions(kernel('servicer7'), windows())) == []
+    assert returned(scaled_positions(kernel('servicer7'), windows())) == []
 
 
 def test_joints_that_are_swapped_are_no_other_unit_of_the_positions() -> None:
     """No scale explains them, however large the misfit of the one that fits best."""
-    assert finished(scaled_positions(kernel('servicer7'), read_as(columns=[0, 3, 2, 1, 4, 5, 6]))) == []
+    assert returned(scaled_positions(kernel('servicer7'), read_as(columns=[0, 3, 2, 1, 4, 5, 6]))) == []
 
 
 def test_the_mount_that_is_named_can_be_pasted() -> None:
-    (found,) = finished(placed_bases(kernel('servicer7'), poses_read(mounted), None))
+    (found,) = returned(placed_bases(kernel('servicer7'), poses_read(mounted), None))
     place, turn = (np.array(each.partition(']')[0].split(', '), float) for each in found.text.split('[')[1:])
     np.testing.assert_allclose(rotation_from_quaternion(turn), exp(MOUNT[:3]).T, atol=0.02)
     np.testing.assert_allclose(place, -exp(MOUNT[:3]).T @ MOUNT[3:], atol=0.02)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from checked import generic, some
-from mbaid_ros.core.filter.gauss_newton import HOPELESS, MultiStart, is_converged, momentum_drift, reverses
+from mbaid_ros.core.filter.gauss_newton import HOPELESS, BatchResult, MultiStart, is_converged, momentum_drift, reverses
+from mbaid_ros.core.filter.hypotheses import MARGIN
 from mbaid_ros.core.filter.run import LinearisationPoint, Phase, Run
 from mbaid_ros.core.forces import DisturbanceModel, disturbances
 from mbaid_ros.core.geometry import Array
@@ -202,6 +203,27 @@ def test_a_shift_by_noise_in_the_rows_is_small_below_a_deviation(shift: float, s
     result: Any = SimpleNamespace(distribution=SimpleNamespace(shift=numbers), deviation=np.full(LAYOUT.size - 6, 0.2))
     search: Any = SimpleNamespace(batch=SimpleNamespace(layout=LAYOUT))
     assert MultiStart._is_hardly_shifted(search, result) is small
+
+
+def outcome(likelihood: float = 0.0, apart: float = 0.0, nis: float = 100.0, std: float = 1.0, **known: Any) -> Any:
+    """Return the outcome of an iteration at so many standard deviations from another, with a mass of 10."""
+    gaussian, parameters = SimpleNamespace(log_likelihood=likelihood, nis=nis, measured=100), np.zeros(16)
+    parameters[6], parameters[-1] = 10.0, apart  # kg first
+    parts: Any = SimpleNamespace(parameters=parameters), None, [], SimpleNamespace(gaussian=gaussian), None
+    return BatchResult(*parts, np.full(16, std), **({'converged': True, 'physical': True, 'mass_held': False} | known))
+
+
+def test_solutions_are_rivalled_ordered_accepted_and_consistent() -> None:
+    near = [(-0.9, 3.1), (-0.9, -3.1), (-1.1, 3.1), (-0.9, 2.9), (5.0, 3.1)]  # log-likelihood over the margin, distance
+    rivals = [outcome().is_rivalled_by(outcome(size * MARGIN, apart)) for size, apart in near]
+    assert rivals == [True, True, False, False, True]
+    order = [outcome(50.0, mass_held=True), outcome(-1.1 * MARGIN), outcome(converged=False), outcome(-0.9 * MARGIN)]
+    assert sorted(order[2:] + order[:2], key=lambda each: each.merit) == order
+    # One in a hundred of 100 innovations exceeds 135.8.
+    table = [outcome(nis=135.0, std=1.4), outcome(nis=137.0), outcome(std=1.6)]
+    table += [outcome(converged=False), outcome(physical=False)]
+    assert [each.consistent for each in table] == [True, False, True, False, False]
+    assert [each.acceptable for each in table] == [True, True, False, False, False]
 
 
 PUSHES = disturbances(DisturbanceModel(0.1, 20.0, 'inertial'), DisturbanceModel(0.2, 0.0, 'inertial'))
