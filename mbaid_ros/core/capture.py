@@ -52,7 +52,8 @@ class CaptureConfig:
     """Interpret a jump of the momentum as the capture, once pre_capture has lasted five seconds."""
     settling: float = parameter(0.0, 's', minimum=0.0)
     """Time after the capture in which the body may slip in the grasp; of a target tracked before (target_pose), the
-    velocity of its centre of mass alone counts then, unless target.frame or poses after it show how it is held."""
+    velocity of its centre of mass alone counts then, unless target.frame or poses in the 3 s after it, for which
+    estimates wait, show how it is held."""
 
 
 @dataclass(frozen=True)
@@ -270,7 +271,7 @@ class CaptureEstimator:
             if window.time[0] > self.time + max(MARGIN, self._settling) - _SLACK:
                 later.append(self._with_tide_since_capture(window))
         later = [*self._held, *later]
-        self._held = later if later and not self._begun and self._waits_for_poses(later, origin) else []
+        self._held = later if later and not self._begun and self._waits_for_poses(later) else []
         if self._held:
             later = []
         if later and not self._begun:
@@ -289,12 +290,14 @@ class CaptureEstimator:
         self._estimates.clear()
         self._earlier = None
 
-    def _waits_for_poses(self, later: list[Samples], origin: int) -> bool:
-        """Return whether poses of the target that go on are yet to show how the body is held once it has settled."""
+    def _waits_for_poses(self, later: list[Samples]) -> bool:
+        """Return whether poses of the target that go on may yet show how the body is held once it has settled.
+
+        Whether they do is not asked before: of a live run fewer have arrived by then than of a recording.
+        """
         if self.time is None or self._settling == 0.0 or not self._track or self._track.frame is not None:
             return False
-        settled = self.time + self._settling
-        return self._track.has_pose_after(origin + round(self.time * 1e9)) and later[-1].time[-1] < settled + _GOES_ON
+        return float(later[-1].time[-1]) < self.time + self._settling + _GOES_ON
 
     def _begin(self, later: list[Samples], origin: int) -> None:
         """Begin the method anew where the target was tracked before the capture; origin: ns, at time 0."""

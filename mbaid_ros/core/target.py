@@ -386,10 +386,6 @@ class TargetTrack:
         """Whether there is a pose."""
         return bool(self._readings)
 
-    def has_pose_after(self, stamp: int) -> bool:
-        """Return whether a pose is later than a stamp, ns."""
-        return bool(self._readings) and self._readings[-1].stamp > stamp
-
     def add(self, message: Any) -> None:
         """Add a PoseStamped, PoseWithCovarianceStamped or Odometry."""
         poses: Sequence[Any] = [message] if source_of(message) == 'odom' else list(_READER.read(message))

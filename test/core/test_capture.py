@@ -6,7 +6,8 @@ import json
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
-from typing import Literal
+from types import SimpleNamespace
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -151,6 +152,20 @@ def test_the_robot_at_the_capture_is_the_sample_nearest_to_it() -> None:
     placed = chaser().states(latest[7:8])
     assert rotation == pytest.approx(placed.rotation[0])
     assert position == pytest.approx(latest.base_position[7] + placed.position[0])
+
+
+@pytest.mark.parametrize(
+    ('until', 'settling', 'frame', 'waits'),
+    [(4.9, 2.0, None, True), (5.0, 2.0, None, False), (4.9, 0.0, None, False), (4.9, 2.0, 'given', False)],
+)
+def test_estimates_wait_for_poses_of_a_body_that_settles(
+    until: float, settling: float, frame: str | None, waits: bool
+) -> None:
+    """Whether any come is not known before: a live run has fewer of them by then than a replay."""
+    made: Any = announced()
+    made._settling, made._track = settling, SimpleNamespace(frame=frame)
+    latest: Any = SimpleNamespace(time=np.array([0.0, BEGIN + until]))
+    assert made._waits_for_poses([latest]) is waits
 
 
 @pytest.mark.parametrize(
