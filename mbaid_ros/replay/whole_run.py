@@ -147,10 +147,16 @@ class Run:
 
 
 class History:
-    """A sequence of estimates of any length, thinned evenly to at most `limit`, in bounded memory."""
+    """The estimates of a run of any length, thinned evenly to at most `limit`, in bounded memory.
+
+    Times that go back are those of another run, as after stamps that jump back: it begins anew.
+    """
 
     def __init__(self, limit: int = HISTORY_LIMIT) -> None:
         self._limit = limit
+        self._clear()
+
+    def _clear(self) -> None:
         self._stride = 1
         self._count = 0
         self._kept: list[Estimate] = []
@@ -159,6 +165,8 @@ class History:
 
     def add(self, estimate: Estimate) -> None:
         """Take the next estimate."""
+        if self.last is not None and estimate.time < self.last.time:
+            self._clear()
         self._ends_with_last = self._count % self._stride == 0
         if self._ends_with_last:
             self._kept.append(_compact(estimate))

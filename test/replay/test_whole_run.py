@@ -49,6 +49,13 @@ def test_the_history_is_thinned_evenly_to_5000(count: int) -> None:
         assert steps[-1] <= steps[0]
 
 
+def test_the_history_is_that_of_the_last_run_where_times_go_back() -> None:
+    kept = History()
+    for number in (*range(40), *range(60)):
+        kept.add(numbered(number))
+    assert [each.time for each in kept.entries()] == list(range(60))
+
+
 def hostile_run() -> Run:
     final = Estimate(
         method='difference',
