@@ -66,7 +66,7 @@ class Gate:
     Attributes
     ----------
     messages : those that have passed, in the order of arrival
-    newest, first : ns, latest stamp that passed, and the first one; None before that
+    newest : ns, latest stamp that passed; None before the first
     epoch : number of jumps back so far
     dropped : messages that did not pass, by cause
     """
@@ -76,7 +76,8 @@ class Gate:
         self._suspect: tuple[int, Any] | None = None
         self.messages: list[Any] = []
         self.newest: int | None = None
-        self.first: int | None = None
+        self._first = 0  # ns, first stamp since the latest jump back
+        self._ended = 0  # ns, of the times between jumps back
         self.epoch = 0
         self.dropped: Counter[str] = Counter()
 
@@ -98,10 +99,15 @@ class Gate:
             self._drop_suspect()
         self.messages.append(message)
         if newest is None:
-            self.first = stamp
+            self._first = stamp
         if newest is None or stamp > newest:
             self.newest = stamp
         return 0
+
+    @property
+    def span(self) -> int:
+        """Time from the first stamp to the latest, ns, without what jumps back repeat; 0 before the first."""
+        return self._ended + (0 if self.newest is None else self.newest - self._first)
 
     def all_pass(self, stamp: Stamps) -> bool:
         """Return whether messages with these stamps (N,) all pass at once."""
@@ -150,6 +156,7 @@ class Gate:
             self.newest = held[0]
             return self.add(stamp, message)
         self.epoch += 1
+        self._ended, self._first = self.span, min(held[0], stamp)
         self.newest = max(held[0], stamp)
         return newest - held[0]
 

@@ -14,14 +14,14 @@ from mbaid_ros.bags import BagReader, Batch
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.pipeline import Estimator
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.samples import Samples, stamps_of
+from mbaid_ros.core.samples import Samples
 from mbaid_ros.errors import DataError
 from mbaid_ros.replay.inputs import Inputs
 from mbaid_ros.replay.run_of_session import Kept
-from mbaid_ros.replay.whole_run import Arrivals, Run, TopicStatistics
+from mbaid_ros.replay.whole_run import Arrivals, Run, TopicStatistics, topic_statistics
 from mbaid_ros.replay.writers import EstimateWriter
 from mbaid_ros.session.explanation import intake_warnings
-from mbaid_ros.session.session import Session
+from mbaid_ros.session.session import JOINTS, ODOMETRY, Session
 from mbaid_ros.tasks import Method
 
 # How the calls are spread does not change the numbers; this many messages keep the arrays long and the memory short.
@@ -107,8 +107,6 @@ class _Intake:
         self._session = session
         self._inputs = inputs
         self._arrivals = {topic: Arrivals() for topic in topics}
-        # By header stamps; a run without odometry has no topic of it.
-        self._stamped = {topic: Arrivals() for topic in (inputs.joint_states, inputs.odometry) if topic}
         self.warnings: list[str] = []
 
     def add(self, messages: Batch) -> None:
@@ -116,25 +114,22 @@ class _Intake:
         self._inputs.add_to(self._session, messages)
         for topic, times in messages.times.items():
             self._arrivals[topic].add(times)
-        joints = messages.on_topic(self._inputs.joint_states)
-        poses = self._session.base_source.poses(messages.on_topic(self._inputs.odometry))
-        for topic, read in ((self._inputs.joint_states, joints), (self._inputs.odometry, poses)):
-            if topic:
-                self._stamped[topic].add(stamps_of(read))
 
     def statistics(self, bag: BagReader) -> tuple[TopicStatistics, ...]:
         """Return the statistics of each topic, by header stamps where the bag's times of recording cannot be."""
-        for topic, stamped in self._stamped.items():
-            span = self._arrivals[topic].span if topic in self._arrivals else stamped.span
-            if stamped.span > 0.0 and not 1.0 / _BROKEN < span / stamped.span < _BROKEN:
+        spans = {topic: arrivals.span for topic, arrivals in self._arrivals.items()}
+        names = (self._inputs.joint_states, JOINTS), (self._inputs.odometry, ODOMETRY)
+        stamped = {topic: self._session.queue.span(name) for topic, name in names if topic in spans}
+        for topic, lasting in stamped.items():
+            if lasting > 0.0 and not 1.0 / _BROKEN < self._arrivals[topic].span / lasting < _BROKEN:
                 self.warnings.append(
-                    f'the messages on {topic} were recorded within {span:.3g} s, by their stamps they last '
-                    f'{stamped.span:.3g} s: rates are by the stamps'
+                    f'the messages on {topic} were recorded within {self._arrivals[topic].span:.3g} s, by their stamps '
+                    f'they last {lasting:.3g} s: rates are by the stamps'
                 )
-                self._arrivals = self._arrivals | self._stamped
+                spans |= stamped
         return tuple(
-            arrivals.statistics(topic, bag.topics[topic].type, self._count(bag, topic))
-            for topic, arrivals in self._arrivals.items()
+            topic_statistics(topic, bag.topics[topic].type, self._count(bag, topic), span)
+            for topic, span in spans.items()
         )
 
     def _count(self, bag: BagReader, topic: str) -> int:

@@ -34,6 +34,11 @@ class TopicStatistics:
     rate: float
 
 
+def topic_statistics(topic: str, type_name: str, messages: int, span: float) -> TopicStatistics:
+    """Return the statistics of a topic, of a number of messages within a time, s."""
+    return TopicStatistics(topic, type_name, messages, (messages - 1) / span if span > 0.0 else float('nan'))
+
+
 @dataclass(frozen=True)
 class Holdout:
     """How well the model predicts data that the estimate had not seen."""
@@ -211,8 +216,3 @@ class Arrivals:
     def span(self) -> float:
         """Time from the first message to the last, s."""
         return 1e-9 * (self._last - self._first)
-
-    def statistics(self, topic: str, type_name: str, messages: int) -> TopicStatistics:
-        """Return the statistics of a topic whose bag claims a number of messages."""
-        rate = (messages - 1) / self.span if self.span > 0.0 else float('nan')
-        return TopicStatistics(topic, type_name, messages, rate)

@@ -127,3 +127,16 @@ def without_origin(text: str) -> str:
     result = json.loads(text)
     assert result.pop('made_by')['robot']['name'] == 'table1'
     return json.dumps(result)
+
+
+def test_a_bag_of_four_runs_has_the_rate_of_one(tmp_path: Path) -> None:
+    with BagReader(BAG, 0.0, 4.0) as before, BagWriter(tmp_path / 'bag') as after:
+        for topic, kind in (('/joint_states', JOINT_STATE), ('/odom', ODOMETRY)):
+            after.add_topic(topic, kind)
+        messages = list(before.read(['/joint_states', '/odom']))
+        for turn in range(4):
+            for topic, message, time in messages:
+                after.write(topic, message, time + turn * 4_000_000_000)
+    found = result_of(tmp_path / 'bag', tmp_path, '--method', 'difference')
+    assert found['sensors'][0]['rate'] == pytest.approx(50.0, rel=0.01)
+    assert not any('by their stamps' in text for text in found['warnings'])

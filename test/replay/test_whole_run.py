@@ -22,7 +22,7 @@ from mbaid_ros.replay.one_bag import replay_bag
 from mbaid_ros.replay.replay import exit_code
 from mbaid_ros.replay.report.page import html
 from mbaid_ros.replay.text import summary
-from mbaid_ros.replay.whole_run import Arrivals, History, Run, TopicStatistics, holdout_of
+from mbaid_ros.replay.whole_run import Arrivals, History, Run, TopicStatistics, holdout_of, topic_statistics
 from mbaid_ros.session.model_summary import ModelSummary
 from simulated import robot
 
@@ -133,7 +133,7 @@ def arrivals(times: list[float]) -> Arrivals:
 
 
 def test_rate_of_a_steady_topic() -> None:
-    topic = arrivals([5.0 + 0.01 * index for index in range(1001)]).statistics('/a', 'x', 1001)
+    topic = topic_statistics('/a', 'x', 1001, arrivals([5.0 + 0.01 * index for index in range(1001)]).span)
     assert topic.rate == pytest.approx(100.0)
 
 

@@ -25,7 +25,7 @@ from mbaid_ros.core.samples import (
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
 )
-from mbaid_ros.session.explanation import explain, intake_warnings, missing_joints, obstacles, remarks
+from mbaid_ros.session.explanation import explain, intake_warnings, missing_joints, obstacles, remarks, sensor_rows
 from recorded import header, of
 from sessions import first_columns
 
@@ -185,6 +185,8 @@ def test_a_loop_starts_again_and_says_why(at_once: int) -> None:
     assert not any(session.restarts[0] in estimate.warnings for estimate in result[:half])
     assert session.dropped[OTHER_CLOCK] > 0
     assert session.used > 2 * 12 * 95
+    once, twice = (sensor_rows(each, None)[0].rate for each in (estimates(ROBOT, clean())[1], session))
+    assert twice == pytest.approx(once, rel=0.01)
 
 
 def test_stray_and_zero_stamps_are_dropped_alone() -> None:
