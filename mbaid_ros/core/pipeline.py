@@ -97,13 +97,18 @@ class Synchroniser:
         self._held = Repeats[JointStream](joints, JOINTS_HELD, together=True)
         self._joint_outliers = Outliers[JointStream](self._maximum_gap, joints, JOINT_OUTLIER)
         self._dropped: Counter[str] = Counter()
+        self._dropped_base: Counter[str] = Counter()
 
     @property
     def dropped(self) -> Counter[str]:
         """Measurements that were not used, by cause."""
-        gates = (self._repeats, self.flips, self._outliers, self._held, self._joint_outliers)
-        followers = sum((each.dropped for each in self._followers.values()), self._dropped)
-        return +sum((gate.dropped for gate in gates), followers)
+        followers = sum((each.dropped for each in self._followers.values()), self._dropped + self.dropped_base)
+        return +(self._held.dropped + self._joint_outliers.dropped + followers)
+
+    @property
+    def dropped_base(self) -> Counter[str]:
+        """Measurements of the base that were not used, by cause."""
+        return +sum((gate.dropped for gate in (self._repeats, self.flips, self._outliers)), self._dropped_base)
 
     @property
     def outlying_joint(self) -> int | None:
@@ -179,7 +184,7 @@ class Synchroniser:
         in_order = new.stamp > before
         self._newest[type(new)] = max(int(before[-1]), int(new.stamp[-1]))
         if not np.all(in_order):
-            self._dropped[OUT_OF_ORDER] += int(np.sum(~in_order))
+            self._dropped_from(new)[OUT_OF_ORDER] += int(np.sum(~in_order))
             new = new[in_order]
         return new
 
@@ -190,9 +195,12 @@ class Synchroniser:
             new = new.concatenate((buffer, new))
         excess = len(new.stamp) - LARGEST_BACKLOG
         if excess > 0:
-            self._dropped[NO_ODOMETRY] += excess
+            self._dropped_from(new)[NO_ODOMETRY] += excess
             new = new[excess:]
         return new
+
+    def _dropped_from(self, stream: JointStream | BaseStream) -> Counter[str]:
+        return self._dropped_base if isinstance(stream, BaseStream) else self._dropped
 
     def _interpolate(self, joints: JointStream, base: BaseStream) -> Samples | None:
         right = np.searchsorted(base.stamp, joints.stamp, side='left')

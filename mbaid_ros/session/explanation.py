@@ -43,8 +43,6 @@ def remarks(session: Session, *, stuck: bool) -> list[str]:
     return [*complaints(session, stuck=stuck), *partly]
 
 
-# Causes for which messages of the odometry alone are dropped.
-_OF_ODOMETRY = (WRONG_CHILD_FRAME, BAD_QUATERNION, LOST_TRACKING, OTHER_SOURCE, REPEATED_POSE, OUTLIER)
 _APART = 2_000_000_000  # ns between the newest stamps of the two topics: more is no delay, also on a busy machine
 _MANY_OUTLIERS = 0.01  # share of the odometry
 _LISTED = 3  # fields with NaN that are named
@@ -264,10 +262,7 @@ def sensor_rows(session: Session, estimate: Estimate | None) -> tuple[SensorRow,
     for name, topic in topics.items():
         count, span = session.received[name], session.queue.span(name)
         rate = (count - 1) / span if span > 0.0 else np.nan
-        dropped = {} if name == ODOMETRY else dict(session.dropped_of(name))
-        if name == ODOMETRY:
-            dropped = {cause: session.dropped[cause] for cause in _OF_ODOMETRY if session.dropped[cause]}
         fit = fits.get(name, SensorFit(name, 0, np.nan, np.nan))
-        used = max(count - sum(dropped.values()), 0)
+        used, dropped = session.used_of(name), dict(session.dropped_of(name))
         rows.append(SensorRow(name, topic, rate, used, dropped, fit.residual, fit.share))
     return tuple(rows)

@@ -74,12 +74,11 @@ class MessageQueue:
         self._threshold = round(TIME_JUMP * 1e9)
         self._gates = {name: Gate(self._threshold if name not in slow else _SLOW) for name in topics}
         self._epoch = 0
-        self._dropped: Counter[str] = Counter()
 
     @property
     def dropped(self) -> Counter[str]:
         """Messages that were not taken, by cause."""
-        return sum((gate.dropped for gate in self._gates.values()), Counter(self._dropped))
+        return sum((gate.dropped for gate in self._gates.values()), Counter())
 
     def dropped_by(self, cause: str) -> dict[str, int]:
         """Return how many messages of each topic were not taken by a cause."""
@@ -117,6 +116,7 @@ class MessageQueue:
         gate = self._gates[name]
         behind = gate.epoch != self._epoch
         if behind and not self._takes(stamp):
+            gate.dropped[OTHER_CLOCK] += 1
             return None
         jump = gate.add(stamp, message)
         if jump:
@@ -147,10 +147,7 @@ class MessageQueue:
     def _takes(self, stamp: int) -> bool:
         """Return whether to take a message of a topic that has not jumped back with another one."""
         jumped = [gate.newest for gate in self._gates.values() if gate.epoch == self._epoch and gate.newest is not None]
-        if jumped and stamp > max(jumped) + self._threshold:
-            self._dropped[OTHER_CLOCK] += 1
-            return False
-        return True
+        return not jumped or stamp <= max(jumped) + self._threshold
 
     def _jumped(self, name: str, amount: int) -> str:
         """Return why to start again; the second topic to jump back only follows the first."""
@@ -211,7 +208,8 @@ class Intake:
         self._reckoning = DeadReckoning()
         self._with_orientation = config.imu.orientation
         self.orientation_measured = False
-        self._refused: Counter[str] = Counter()
+        self._refused: Counter[str] = Counter()  # of joints
+        self._refused_base: Counter[str] = Counter()
         self._unread: dict[str, Counter[str]] = {name: Counter() for name in named}
 
     @property
@@ -219,12 +217,17 @@ class Intake:
         """Unused messages, by cause, but for those that named sensors' followers drop."""
         return sum(
             (
-                *(self.merge.dropped, self._reorder.dropped, self.stored_momentum.dropped, self._pose_copies.dropped),
+                *(self.merge.dropped, self.stored_momentum.dropped, self.dropped_odometry),
                 *(self._dropped_before(name) for name in self.instruments),
                 *(copies.dropped for copies in self._joint_copies.values()),
             ),
             Counter(self._refused),
         )
+
+    @property
+    def dropped_odometry(self) -> Counter[str]:
+        """Unused messages of the odometry, by cause."""
+        return self._refused_base + self._pose_copies.dropped + self._reorder.dropped
 
     def dropped_of(self, name: str) -> Counter[str]:
         """Return the unused messages of a named sensor, by cause."""
@@ -239,7 +242,8 @@ class Intake:
         """Return the measurements of joints, base and named sensors in messages, by topic, once their order is sure."""
         joints, dropped_joints = self.joint_reader.read(messages[JOINTS])
         base, dropped_base = self.odometry_reader.read(messages[ODOMETRY])
-        self._refused += dropped_joints + dropped_base
+        self._refused += dropped_joints
+        self._refused_base += dropped_base
         joints, base = self._without_copies(joints), self._pose_copies.push(base)
         for conversion in self._conversions:
             joints = conversion.joints(joints, self._robot.inputs, len(self._robot.model.independent_joints))
@@ -379,6 +383,13 @@ class Segment:
     def dropped(self) -> Counter[str]:
         """Unused messages, by cause."""
         return self.intake.dropped + self.identifier.dropped + self.thrust.dropped + self.track.dropped
+
+    def dropped_of(self, name: str) -> Counter[str]:
+        """Return the unused messages of odometry or a named sensor, by cause."""
+        if name != ODOMETRY:
+            return self.intake.dropped_of(name)
+        located = self.intake.base_topic == ODOMETRY
+        return self.intake.dropped_odometry + (self.identifier.synchroniser.dropped_base if located else Counter())
 
     def process(
         self, messages: Mapping[str, Sequence[Any]], *, last: bool = False, unstamped: Sequence[str] = ()
@@ -541,6 +552,8 @@ class Session:
         self._carried: tuple[str, ...] = ()  # what had contradicted the run that came to its end before this one
         self.restarted = 0
         self._earlier: Counter[str] = Counter()  # dropped in earlier segments
+        self._earlier_of: dict[str, Counter[str]] = {name: Counter() for name in (ODOMETRY, *self._named)}
+        self._received_earlier: Counter[str] = Counter()
         self._replaced_earlier: Counter[str] = Counter()
         self._used_earlier = 0
         self._ready: list[Estimate] = []
@@ -749,10 +762,19 @@ class Session:
         return self._earlier + self._segment.dropped + self.queue.dropped + self.base_source.dropped
 
     def dropped_of(self, name: str) -> Counter[str]:
-        """Return the unused messages of a named sensor since the segment began, by cause."""
-        if name not in self.intake.instruments:
-            return Counter({LEFT_OUT: self.received[name]})
-        return self.queue.dropped_of(name) + self.intake.dropped_of(name)
+        """Return the unused messages of odometry or a named sensor, by cause."""
+        source = self.base_source.dropped if name == ODOMETRY else Counter()
+        return self.queue.dropped_of(name) + source + self._unused_of(name)
+
+    def used_of(self, name: str) -> int:
+        """Return how many messages of odometry or a named sensor are used."""
+        return max(self.received[name] - sum(self._unused_of(name).values()), 0)
+
+    def _unused_of(self, name: str) -> Counter[str]:
+        """Return the received messages of odometry or a named sensor that are not used, by cause."""
+        if name in self._named and name not in self.intake.instruments:
+            return self._earlier_of[name] + Counter({LEFT_OUT: self.received[name] - self._received_earlier[name]})
+        return self._earlier_of[name] + self._segment.dropped_of(name)
 
     @property
     def named(self) -> Mapping[str, Input]:
@@ -780,6 +802,8 @@ class Session:
     def _start_again(self, reason: str, *, carried: bool = False) -> None:
         """Begin a new segment; a reason that holds for it as well is carried on, before its own warnings."""
         self._earlier += self._segment.dropped
+        self._earlier_of = {name: self._unused_of(name) for name in self._earlier_of}
+        self._received_earlier = self.received.copy()
         self._replaced_earlier = self.replaced
         self._used_earlier += self.collected
         self.restarts = [*self.restarts[1 - _RESTARTS_KEPT :], f'{reason}; started again']

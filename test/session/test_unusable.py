@@ -122,6 +122,15 @@ def test_what_was_wrong_before_a_restart_is_counted_and_not_named_as_missing() -
     assert missing_joints(session) == ()
 
 
+def test_no_unused_message_of_the_odometry_counts_as_used() -> None:
+    spoil = changed(ODOMETRY, lambda m: setattr(m.pose.pose.position, 'y', np.nan))
+    again = defects.out_of_order(3, 0.03)(clean()[:1400])
+    _, session = estimates(ROBOT, [*spoil(arrivals(ROBOT, 7.0, 2)[1000:1400]), *again])
+    (row,) = sensor_rows(session, None)
+    assert (session.restarted, row.dropped[NOT_FINITE], row.dropped[LATE] > 0) == (1, 200, True)
+    assert row.used == session.received[ODOMETRY] - sum(row.dropped.values())
+
+
 def test_half_of_the_joints_alone_are_waited_with() -> None:
     messages = list(defects.in_halves(clean()[:400]))
     half = [a for a in messages if a.topic == ODOMETRY or len(a.message.name) == 4]
