@@ -288,11 +288,15 @@ def _session(config: EstimatorConfig, text: str, target_link: str) -> Session:
         known = [link.name for link in load_model(text, config.base_link).links]
         if target_link and target_link not in known:
             raise ValueError(f"target_link is '{target_link}', no link of the robot; accepted: {listing(known)}")
-        return Session(config, text)
+        session = Session(config, text)
     except ParameterError as error:
         raise ValueError(f'parameters: {error}') from error
     except MbaidError as error:
         raise ValueError(f'urdf: {error}') from error
+    further = [name for name in session.named if name != IMU]
+    if further:
+        raise ValueError(f'parameters has {listing(further)}, whose readings no argument holds; accepted: imu alone')
+    return session
 
 
 def _joints(session: Session, names: object, time: Array, position: ArrayLike, velocity: ArrayLike | None) -> Joints:

@@ -173,6 +173,10 @@ JOINTS = [f'joint{number}' for number in range(1, 8)]
         ({'target_link': 'link70'}, r"target_link is 'link70', no link of the robot; accepted: base_link, .*link7"),
         ({'parameters': [1]}, r'parameters is of type list; accepted: a dict of dotted names'),
         ({'parameters': {'windw': 1.0}}, r"parameters: unknown parameter 'windw'; known: window"),
+        (
+            {'parameters': {'poses.names': ['camera'], 'gyros.names': ['hand'], 'gyros.hand.noise_density': 1e-5}},
+            r'parameters has gyros\.hand, poses\.camera, whose readings no argument holds; accepted: imu alone',
+        ),
         ({'parameters': {'window': -1.0}}, r"parameters: parameter 'window' is -1.0 s; accepted: "),
     ],
 )
