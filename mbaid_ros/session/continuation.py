@@ -18,7 +18,7 @@ _ACCEPTED = 'accepted: the JSON of one run of replay that reached an estimate wi
 # Parameters that give the unknowns' numbers their meaning: both runs need the same.
 _SHARED = (
     *('base_link', 'target_', 'known_', 'odometry', 'marker.', 'flexible.', 'wheels.', 'thrust.', 'orbit.'),
-    *('imu.', 'gyros.', 'disturbance.', 'time_offset.', 'momentum.'),
+    *('imu.', 'gyros.', 'poses.', 'disturbance.', 'time_offset.', 'momentum.'),
 )
 
 

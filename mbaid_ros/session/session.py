@@ -836,6 +836,12 @@ class Session:
         except UNSOLVABLE as error:
             self._end(error)
             return []
+        except DataError as error:  # its unknowns are known with the first windows
+            if self._before is None:
+                raise
+            self._before = None
+            self._start_again(f'continue_from is left out: {error}')
+            return []
         self._blamed = next((cause for each in estimates[::-1] for cause, _ in each.likely_causes), self._blamed)
         if not self._repairs_wanted:
             return self._with_texts(estimates)

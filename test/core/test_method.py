@@ -164,9 +164,10 @@ def test_the_file_of_a_run_holds_it_and_is_of_that_robot(
     np.testing.assert_array_equal(found.bias, left.bias)
     with pytest.raises(ParameterError, match='is of another robot description'):
         read_continuation(config, '<robot name="other"/>')
-    other = build(EstimatorConfig, {'continue_from': str(path), 'known_links.relative_std': 0.02})
-    with pytest.raises(ParameterError, match=r'was made with known_links.relative_std 0.01, this run has 0.02'):
-        read_continuation(other, URDF)
+    for name, value, differ in (('known_links.relative_std', 0.02, '0.01'), ('poses.names', ['camera'], r'\[\]')):
+        other = build(EstimatorConfig, {'continue_from': str(path), name: value})
+        with pytest.raises(ParameterError, match=f'was made with {name} {differ}, this run has'):
+            read_continuation(other, URDF)
     written(continuation=None)
     with pytest.raises(ParameterError, match='cannot be continued'):
         read_continuation(config, URDF)

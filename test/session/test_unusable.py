@@ -11,7 +11,9 @@ import pytest
 
 import defects
 from defects import JOINTS, ODOMETRY, Arrival, Defect, arrivals, changed, estimates, shifted
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.clocks import LATE, OTHER_CLOCK, STRAY_STAMP, ZERO_STAMP
+from mbaid_ros.core.filter.posterior import Continuation
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.outliers import REPEATED
 from mbaid_ros.core.pipeline import JOINT_RATES_DERIVED, POSES_ALONE, TWIST_DERIVED
@@ -26,8 +28,10 @@ from mbaid_ros.core.samples import (
     WRONG_CHILD_FRAME,
 )
 from mbaid_ros.session.explanation import explain, intake_warnings, missing_joints, obstacles, remarks, sensor_rows
+from mbaid_ros.session.session import Session
 from recorded import header, of
-from sessions import first_columns
+from sessions import fed, first_columns
+from simulated import CONFIG
 
 ROBOT, SECONDS = 'servicer7', 12.0
 
@@ -129,6 +133,14 @@ def test_no_unused_message_of_the_odometry_counts_as_used() -> None:
     (row,) = sensor_rows(session, None)
     assert (session.restarted, row.dropped[NOT_FINITE], row.dropped[LATE] > 0) == (1, 200, True)
     assert row.used == session.received[ODOMETRY] - sum(row.dropped.values())
+
+
+def test_a_run_to_continue_with_other_unknowns_is_left_out() -> None:
+    before = Continuation(planar=False, root=np.eye(3, 4), bias=np.zeros((0, 1)))
+    session = Session(EstimatorConfig(), (CONFIG / f'{ROBOT}.urdf').read_text(), before=before)
+    result = fed(session, ((each.topic, each.message) for each in clean()[:1400]), 300)
+    assert session.restarted == 1
+    assert any('continue_from is left out: the run to continue has 3 unkn' in text for text in result[-1].warnings)
 
 
 def test_half_of_the_joints_alone_are_waited_with() -> None:
