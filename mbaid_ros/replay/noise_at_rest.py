@@ -158,6 +158,8 @@ def _joint_stream(joints: Sequence[Any], where: str) -> tuple[Array, JointStream
     gate = Outliers[JointStream](_NEAR, joint_channels(float(TYPICAL[0])), JOINT_OUTLIER)
     stream = gate.push(stream) or stream[:0]
     lines += [f'{count} messages not used: {cause}' for cause, count in gate.dropped.items() if count]
+    if len(stream.stamp) < _FEWEST:
+        raise DataError('; '.join([f'{where} has fewer than {_FEWEST} messages with positions of all joints', *lines]))
     return names[known], stream, lines
 
 

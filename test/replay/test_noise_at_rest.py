@@ -79,6 +79,11 @@ def odd(number: int, message: Any) -> Any:
     return replace(moved, name=moved.name[:1], position=moved.position[:2], velocity=moved.velocity[:1])
 
 
+def lost(number: int, message: Any) -> Any:
+    """Return a message that lacks one joint or another."""
+    return turned(lambda _: np.nan, joint=number % 2)(number, message)
+
+
 def declared_by(text: str, folder: Path) -> NoiseConfig:
     """Return the noise that a parameter file declares."""
     (folder / 'noise.yaml').write_text(text)
@@ -135,8 +140,9 @@ def test_a_joint_that_moves_at_times_is_named_and_the_rest_counts(
         ),
         (odd, same, [f'a message on topic {JOINTS}', 'has 1 names, 2 positions and 1 velocities; acc']),
         (halved, same, ['name other joints; accepted: the same in each']),
+        (lost, same, ['has fewer than 50 messages with positions of all joints']),
     ],
-    ids=['moving', 'short', 'short at rest', 'no stamps', 'no stamps of the base', 'back', 'unnamed', 'halves'],
+    ids=['moving', 'short', 'short at rest', 'no stamps', 'no stamps of the base', 'back', 'unnamed', 'halves', 'NaN'],
 )
 def test_a_bag_that_cannot_be_measured_is_one_line(
     bag: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], joints: Change, base: Change, texts: list[str]
