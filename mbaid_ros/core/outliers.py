@@ -292,7 +292,7 @@ class Flips:
         if int(reading.stamp[0]) - self._since < _LASTING or self._passed is None:
             return None
         between = (int(self._passed.stamp[-1]) + self._since) // 2
-        turn = _rotation_at(self._passed, between).T @ _rotation_at(self._others, between)
+        turn: Array = _rotation_at(self._passed, between).T @ _rotation_at(self._others, between)
         near = [known for known in self._known if np.linalg.norm(log(known.T @ turn)) < _SAME_TURN]
         turn = near[0] if near else turn
         self._known += [] if near else [turn]

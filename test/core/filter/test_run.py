@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,12 +10,23 @@ import numpy as np
 import pytest
 
 from checked import generic, some
-from mbaid_ros.core.filter.gauss_newton import HOPELESS, BatchResult, MultiStart, is_converged, momentum_drift, reverses
+from mbaid_ros.core.filter import run as run_module
+from mbaid_ros.core.filter.gauss_newton import (
+    HOPELESS,
+    BatchIteration,
+    BatchResult,
+    MultiStart,
+    from_loose_swing,
+    is_converged,
+    momentum_drift,
+    reverses,
+)
 from mbaid_ros.core.filter.hypotheses import MARGIN
 from mbaid_ros.core.filter.run import LinearisationPoint, Phase, Run
 from mbaid_ros.core.forces import DisturbanceModel, disturbances
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.verdict import LARGEST_NIS
+from mbaid_ros.core.robot.body import body_sizes, is_physical
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.state import (
     BODY,
@@ -209,8 +221,9 @@ def outcome(likelihood: float = 0.0, apart: float = 0.0, nis: float = 100.0, std
     """Return the outcome of an iteration at so many standard deviations from another, with a mass of 10."""
     gaussian, parameters = SimpleNamespace(log_likelihood=likelihood, nis=nis, measured=100), np.zeros(16)
     parameters[6], parameters[-1] = 10.0, apart  # kg first
-    parts: Any = SimpleNamespace(parameters=parameters), None, [], SimpleNamespace(gaussian=gaussian), None
-    return BatchResult(*parts, np.full(16, std), **({'converged': True, 'physical': True, 'mass_held': False} | known))
+    point, filtered = SimpleNamespace(parameters=parameters), SimpleNamespace(gaussian=gaussian)
+    parts: Any = point, None, [], filtered, None, np.full(16, std)
+    return BatchResult(*parts, **({'converged': True, 'physical': True, 'mass_held': False} | known))
 
 
 def test_solutions_are_rivalled_ordered_accepted_and_consistent() -> None:
@@ -224,6 +237,94 @@ def test_solutions_are_rivalled_ordered_accepted_and_consistent() -> None:
     table += [outcome(converged=False), outcome(physical=False)]
     assert [each.consistent for each in table] == [True, False, True, False, False]
     assert [each.acceptable for each in table] == [True, True, False, False, False]
+
+
+@pytest.mark.parametrize(
+    ('frequency', 'eased', 'parts'), [(0.59, True, []), (0.61, True, [1.0, 0.1, 0.01]), (0.61, False, [])]
+)
+def test_a_fast_swing_is_loose_first(frequency: float, parts: list[float], *, eased: bool) -> None:
+    def loosened(part: float, _: object) -> Any:
+        return ('loose', part) if eased else spring
+
+    spring: Any = SimpleNamespace(eased=loosened)
+    layout: Any = dataclasses.make_dataclass('Fake', ['unknowns', 'kernel'])(
+        (spring,), SimpleNamespace(springs=SimpleNamespace(highest_frequency=frequency, count=0))
+    )
+    nothing: Any = None
+    batch = BatchIteration(layout, nothing, nothing)
+    *stages, last = from_loose_swing(batch)
+    assert last is batch
+    found: list[Any] = [each.layout.unknowns for each in stages]
+    assert found == [(('loose', part),) for part in parts]
+
+
+BODY_THERE = np.array([10.0, 1.0, 2.0, -1.0, 8.0, 0.1, 0.2, 9.0, 0.3, 7.0])
+
+
+@pytest.mark.parametrize(
+    ('share', 'change', 'linear'),
+    [
+        (0.09, {}, True),
+        (0.11, {}, False),
+        (-0.09, {}, False),  # of a body with a negative mass
+        (0.09, {'nonlinearity': None}, False),
+        (0.09, {'nonlinearity': SimpleNamespace(is_nonlinear=True)}, False),
+        (0.09, {'newton_step': SimpleNamespace(is_nonlinear=True)}, False),
+        (0.09, {'newton_step': SimpleNamespace(is_nonlinear=False)}, True),
+        (0.09, {'layout': (1, [True, False])}, False),
+        (0.09, {'layout': (1, [True, True])}, True),
+        (0.09, {'layout': (0, [True, False])}, True),
+    ],
+)
+def test_windows_are_near_linear_about_a_body_that_is_known_to_a_tenth(
+    share: float, change: dict[str, Any], linear: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    count, resolved = change.pop('layout', (0, []))
+    monkeypatch.setattr(run_module, 'MeanAndCovariance', SimpleNamespace(from_gaussian=lambda given, _: given))
+    monkeypatch.setattr(
+        run_module, 'resolved_frequencies', lambda *given: np.array(resolved) if given[2] == 4.5 else None
+    )
+    mean = np.concatenate((np.zeros(BODY.start), np.sign(share) * BODY_THERE))
+    factor = np.zeros((10, 20))
+    factor[range(10), range(10)] = 0.6 * abs(share) * body_sizes(BODY_THERE)
+    factor[range(10), range(10, 20)] = 0.8 * abs(share) * body_sizes(BODY_THERE)
+    factor[:9] *= 0.5  # all directions count
+    gaussian: Any = SimpleNamespace(mean=mean, deviation=None, factor_of=lambda _: factor)
+    near = {'nonlinearity': SimpleNamespace(is_nonlinear=False), 'newton_step': None} | change
+    springs = SimpleNamespace(kernel=SimpleNamespace(springs=SimpleNamespace(count=count)))
+    run = bare(
+        to_state=np.eye(16), **near, windows=[SimpleNamespace(start=each) for each in (1.5, 6.0)], layout=springs
+    )
+    run._variables.to_state = np.eye(16)
+    assert run._is_linear(gaussian) is linear
+
+
+def test_other_numbers_follow_the_likeliest_body_that_can_exist() -> None:
+    """As far as they are correlated with it; where it can exist, or in a plane, all is as estimated."""
+    mean, sizes = np.concatenate((generic(3, 12), BODY_THERE)), np.concatenate((np.ones(12), body_sizes(BODY_THERE)))
+    root = sizes[:, None] * (0.1 * np.eye(22) + 0.03 * generic(8, 22, 22))
+    covariance = root @ root.T
+    nothing: Any = None
+
+    def nearest(body: Array, plane: object = None) -> tuple[Array, float]:
+        values = np.concatenate((mean[:12], body))
+        parts: Any = SimpleNamespace(mean=values, factor=root, covariance=lambda _: covariance[12:, 12:])
+        layout: Any = SimpleNamespace(plane=plane, kernel=LAYOUT.kernel)
+        return BatchIteration(layout, nothing, nothing)._nearest_physical(parts)
+
+    impossible = BODY_THERE.copy()
+    impossible[4] = -2.0
+    for body, plane in ((BODY_THERE, None), (impossible, 'a plane')):
+        state, distance = nearest(body, plane)
+        assert state[12:] == pytest.approx(body)
+        assert distance == 0.0
+    state, distance = nearest(impossible)
+    moved = state[12:] - impossible
+    weighed = np.linalg.solve(covariance[12:, 12:], moved)
+    assert distance == pytest.approx(np.sqrt(moved @ weighed), rel=1e-3)
+    assert distance > 1.0
+    assert state[:12] - mean[:12] == pytest.approx(covariance[:12, 12:] @ weighed, rel=1e-6)
+    assert is_physical(state[12:] + 1e-6 * BODY_THERE)
 
 
 PUSHES = disturbances(DisturbanceModel(0.1, 20.0, 'inertial'), DisturbanceModel(0.2, 0.0, 'inertial'))
