@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Literal, cast
 
 import numpy as np
 
+from mbaid_ros.core.clocks import LARGEST_BACKLOG
 from mbaid_ros.core.contracts import Axes, Disturbance, Hypothesis, NominalModel, Unknown, Words, diagonal
 from mbaid_ros.core.geometry import Array, cross, skew
 from mbaid_ros.core.orbit import Orbit, OrbitConfig, make_orbit
@@ -221,7 +222,11 @@ class Thrust:
             return sum((np.sum(self._pulses(frame, part), axis=0) for part in missed), np.zeros((6, THRUSTER_ERRORS)))
 
         before = total()
-        insort(self._commands.setdefault(frame, []), command)
+        known = self._commands.setdefault(frame, [])
+        insort(known, command)
+        if len(known) > LARGEST_BACKLOG:  # no samples come
+            del known[0]
+            self.dropped[FAR_THRUST] += 1
         self.commands += 1
         self.exact = self.exact or (frame not in self._uncertain and bool(np.any(command.wrench)))
         more = total() - before

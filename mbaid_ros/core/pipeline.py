@@ -460,8 +460,11 @@ class PlainFaults:
 
         They are looked at before the next estimate, or when there are many: few cost as much as many.
         """
+        count = sum(len(each.stamp) for each in (*streams.values(), base) if each is not None)
+        if not count:
+            return
         self._waiting.append((streams, base))
-        self._count += sum(len(each.stamp) for each in (*streams.values(), base) if each is not None)
+        self._count += count
         if self._count >= _AT_ONCE:
             self._inspect()
 

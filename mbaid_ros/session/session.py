@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
-from mbaid_ros.core.clocks import BAD_NANOSEC, OTHER_CLOCK, Gate, Reorder
+from mbaid_ros.core.clocks import BAD_NANOSEC, LARGEST_BACKLOG, OTHER_CLOCK, Gate, Reorder
 from mbaid_ros.core.contracts import Check, Instrument
 from mbaid_ros.core.filter.posterior import Continuation, Posterior
 from mbaid_ros.core.forces import EXACT_THRUST, LATE_THRUST, SHARED_THRUST, Thrust, uncertain_thrusters, wrench_of
@@ -475,12 +475,14 @@ class Recording:
         """Whether there is a backlog."""
         return bool(self._backlog)
 
-    def add(self, given: Given, latest: int | None = None) -> None:
-        """Add what comes next; messages come with the latest stamp (ns)."""
+    def add(self, given: Given, latest: int | None = None, *, kept: bool = True) -> None:
+        """Add what comes next; messages come with the latest stamp (ns); `kept` if the run needs it to begin again."""
         self._backlog.append(given)
         self.first = latest if self.first is None else self.first
-        if self._kept is not None:
+        if self._kept is not None and kept:
             self._kept.append(given)
+            if self.first is None:  # commands without measurements
+                del self._kept[:-LARGEST_BACKLOG]
 
     def next(self) -> Given:
         """Return what the segment takes next."""
@@ -820,7 +822,7 @@ class Session:
         wrong = self.queue.dropped_by(BAD_NANOSEC).items()
         unstamped = [SPOKEN.get(name, name) for name, count in wrong if count]
         given = partial(Segment.process, messages=messages, last=last, unstamped=unstamped)
-        self._recording.add(given, self.queue.latest)
+        self._recording.add(given, self.queue.latest, kept=last or bool(unstamped) or any(map(len, messages.values())))
 
     def _give(self, given: Given) -> None:
         """Let the segment take something after everything that it was given before."""

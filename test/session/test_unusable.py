@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from copy import copy
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import defects
+from checked import some
 from defects import JOINTS, ODOMETRY, Arrival, Defect, arrivals, changed, estimates, shifted
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.clocks import LATE, OTHER_CLOCK, STRAY_STAMP, ZERO_STAMP
 from mbaid_ros.core.filter.posterior import Continuation
+from mbaid_ros.core.forces import FAR_THRUST
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.outliers import REPEATED
 from mbaid_ros.core.pipeline import JOINT_RATES_DERIVED, POSES_ALONE, TWIST_DERIVED
@@ -27,6 +30,7 @@ from mbaid_ros.core.samples import (
     TWIST_COVARIANCE,
     WRONG_CHILD_FRAME,
 )
+from mbaid_ros.parameters import build
 from mbaid_ros.session.explanation import explain, intake_warnings, missing_joints, obstacles, remarks, sensor_rows
 from mbaid_ros.session.session import Session
 from recorded import header, of
@@ -141,6 +145,19 @@ def test_a_run_to_continue_with_other_unknowns_is_left_out() -> None:
     result = fed(session, ((each.topic, each.message) for each in clean()[:1400]), 300)
     assert session.restarted == 1
     assert any('continue_from is left out: the run to continue has 3 unkn' in text for text in result[-1].warnings)
+
+
+def test_memory_does_not_grow_while_no_measurements_come(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('mbaid_ros.core.forces.LARGEST_BACKLOG', 50)
+    monkeypatch.setattr('mbaid_ros.session.session.LARGEST_BACKLOG', 50)
+    session = Session(build(EstimatorConfig, {'repair': True}), (CONFIG / f'{ROBOT}.urdf').read_text())
+    wrench = SimpleNamespace(force=of('Vector3', np.ones(3)), torque=of('Vector3', np.zeros(3)))
+    for number in range(200):
+        session.add_thrust(SimpleNamespace(header=header(number * 10**8, 'base_link'), wrench=wrench))
+        session.process(at_once=False)
+    assert session.intake.faults._waiting == []
+    assert session.dropped[FAR_THRUST] == 150
+    assert len(some(session._recording._kept)) == 50
 
 
 def test_half_of_the_joints_alone_are_waited_with() -> None:
