@@ -20,7 +20,7 @@ from mbaid_ros.core.geometry import Array, quaternion_from_rotation, unvec, vec
 from mbaid_ros.core.results.estimate import PARAMETERS
 from mbaid_ros.core.robot.body import is_physical, physical, principal, standard
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.urdf import replace_inertial
+from mbaid_ros.core.robot.urdf import replace_inertial, tree_of
 from mbaid_ros.errors import DataError, ParameterError, listing
 from mbaid_ros.files import as_utf8, require_writable, write_text
 from mbaid_ros.replay.acm import acm
@@ -64,6 +64,8 @@ def export(arguments: argparse.Namespace) -> int:
             f"'{arguments.input}' was made with another robot description than --model '{arguments.model}': give the "
             f'one with the SHA-256 {body.robot_sha256}, or replay with this one'
         )
+    if urdf:
+        body = _in_robot(body, urdf)
     if arguments.fill:  # from the link in the robot description
         described = physical(load_model(urdf).link(body.link).parameters)
         body = replace(body, parameters=np.where(np.isnan(body.parameters), described, body.parameters))
@@ -79,6 +81,16 @@ def export(arguments: argparse.Namespace) -> int:
         written = f"the captured body in '{body.link}'" if arguments.debris else f"'{body.link}'"
         print(one_line(f'{arguments.output}: {written} as {arguments.format}'))
     return 0
+
+
+def _in_robot(body: Identified, urdf: str) -> Identified:
+    """Return a body of a link of the robot, where the frame of an estimate has its name after a `frame_prefix`."""
+    names = [each.get('name', '') for each in tree_of(urdf).iter('link')]
+    ends = [name for name in names if name and body.link.endswith(name)]
+    if body.link in names or len(ends) != 1:
+        return body
+    warn('export', [f"frame '{body.link}' counts as link '{ends[0]}' with a frame_prefix"])
+    return replace(body, link=ends[0])
 
 
 def identified_urdf(run: Run) -> str:

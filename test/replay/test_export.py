@@ -216,6 +216,16 @@ def test_a_bag_of_estimates_is_read(capsys: pytest.CaptureFixture[str], tmp_path
     assert from_bag == exported(capsys, written(tmp_path), '--format', 'mjcf')
 
 
+def test_the_frame_of_an_estimate_with_a_prefix_is_that_of_the_link(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / 'bag') as bag:
+        EstimateWriter(bag).write(estimate(), Frames('link7', 'odom', 'servicer/'))
+    given = (str(tmp_path / 'bag'), written(tmp_path))
+    output = [tmp_path / 'prefixed.urdf', tmp_path / 'plain.urdf']
+    for source, path in zip(given, output, strict=True):
+        assert main([source, '--format', 'urdf', '--model', MODEL, '--output', str(path)]) == 0
+    assert output[0].read_text() == output[1].read_text()
+
+
 def of_two_estimators(folder: Path) -> str:
     """Write a bag with an estimate of one estimator, and a later one of half the body of another."""
     with BagWriter(folder / 'two') as bag:
