@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ from tqdm import tqdm
 
 from mbaid_ros.bags import BagReader, Batch
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.gyro import IMU
 from mbaid_ros.core.pipeline import Estimator
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import Samples
@@ -97,7 +98,9 @@ def replay_bag(
         topics = intake.statistics(bag)
         model_summary = session.model_summary()
         warnings = (*bag.warnings, *intake.warnings, *model_summary.warnings, *intake_warnings(session))
-    return kept.run(path, topics, model_summary, warnings)
+    run = kept.run(path, topics, model_summary, warnings)
+    read = {ODOMETRY: inputs.odometry, IMU: inputs.imu}
+    return replace(run, sensors=tuple(replace(each, topic=read.get(each.name) or each.topic) for each in run.sensors))
 
 
 class _Intake:

@@ -157,6 +157,7 @@ def test_other_topic_names(capsys: pytest.CaptureFixture[str], bag: str, tmp_pat
     assert advice in refused(capsys, renamed, '--joint-states', '/arm/joint_states', '--model', MODEL)
     result = result_of(capsys, renamed, '--joint-states', '/arm/joint_states', '--odom', '/arm/odom', *QUICK)
     assert result['status'] != 'waiting'
+    assert [each['topic'] for each in result['sensors']] == ['/arm/odom']
 
 
 def test_the_estimates_as_a_bag(capsys: pytest.CaptureFixture[str], output: Path, bag: str) -> None:
