@@ -140,12 +140,14 @@ class Gate:
         return np.maximum.accumulate(np.concatenate((np.array([self.newest], dtype=np.int64), stamp[:-1])))
 
     def _far(self, stamp: int, message: Any, newest: int) -> int:
-        """Add a message whose stamp is far from the newest."""
-        if stamp == 0:
+        """Add a message whose stamp is far from the newest; zero may be the begin of simulated time."""
+        held = self._suspect
+        if stamp == 0 and held is not None:
             self.dropped[ZERO_STAMP] += 1
             return 0
-        held = self._suspect
         agrees = held is not None and (held[0] > newest) == (stamp > newest) and stamp >= held[0] - self._threshold
+        if held is not None and held[0] == 0 and stamp > self._threshold:
+            agrees = False
         if held is None or not agrees:
             self._drop_suspect()
             self._suspect = (stamp, message)
@@ -162,8 +164,8 @@ class Gate:
 
     def _drop_suspect(self) -> None:
         if self._suspect is not None:
+            self.dropped[STRAY_STAMP if self._suspect[0] else ZERO_STAMP] += 1
             self._suspect = None
-            self.dropped[STRAY_STAMP] += 1
 
 
 class Reorder(Generic[Stream]):
