@@ -38,7 +38,6 @@ def version_of(name: str) -> str:
 
 
 LARGEST_HASHED = 1_000_000_000  # bytes; more would take longer to read twice than a result is worth waiting for
-_DATA = ('.mcap', '.db3')  # files of a bag's folder with messages
 _BLOCK = 1 << 20
 
 
@@ -64,10 +63,11 @@ def sha256_of(model: str, urdf: str) -> str:
 
 def hashes(bag: str) -> dict[str, str | None]:
     """Return the SHA-256 of each file of a bag that holds messages, by its name; None for more than LARGEST_HASHED."""
-    path = Path(bag)
-    files = (
-        sorted(each for each in path.iterdir() if each.suffix in _DATA and each.is_file()) if path.is_dir() else [path]
-    )
+    from mbaid_ros.bags.opening import BAG_FILES  # noqa: PLC0415 - `identify` needs no library for bags
+
+    path, files = Path(bag), [Path(bag)]
+    if path.is_dir():
+        files = sorted(each for each in path.iterdir() if each.name.endswith(BAG_FILES) and each.is_file())
     if sum(file.stat().st_size for file in files) > LARGEST_HASHED:
         return {file.name: None for file in files}
     return {file.name: sha256(file) for file in files}

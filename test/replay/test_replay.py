@@ -25,6 +25,7 @@ from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.results.estimate import Status
 from mbaid_ros.parameters import values_of
 from mbaid_ros.replay.arguments import replay as main
+from mbaid_ros.replay.provenance import hashes
 from mbaid_ros.replay.replay import exit_code
 from simulated import CONFIG, table1
 
@@ -196,6 +197,11 @@ def test_the_result_says_what_made_it(capsys: pytest.CaptureFixture[str], bag: s
     foot = html.unescape(report.read_text().partition('<footer>')[2])
     for text in (made['command'], made['date'], made['robot']['sha256'], made['bag_sha256']['papers_case.mcap']):
         assert text in foot
+
+
+def test_a_file_that_is_compressed_as_a_whole_has_its_sha256(tmp_path: Path) -> None:
+    (tmp_path / 'bag_0.mcap.zstd').write_bytes(b'content')
+    assert hashes(str(tmp_path)) == {'bag_0.mcap.zstd': sha256(tmp_path / 'bag_0.mcap.zstd')}
 
 
 PAPERS_MOMENTUM = {'paper.total_angular_momentum': [0.0, 0.0, 4597.634]}
