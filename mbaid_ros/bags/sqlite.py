@@ -47,7 +47,8 @@ class SqliteReader:
     def open(self) -> None:
         """Open the file and read its topics; raise a ReaderError if it is no bag, a DataError if it computes."""
         flags = apsw.SQLITE_OPEN_READONLY | apsw.SQLITE_OPEN_URI
-        self._database = apsw.Connection(f'file:{quote(str(self._path))}?immutable=1', flags=flags)
+        absolute = str(self._path.absolute()).lstrip('/')  # what follows two slashes in a URI is the name of a host
+        self._database = apsw.Connection(f'file:/{quote(absolute)}?immutable=1', flags=flags)
         try:
             self._database.limit(apsw.SQLITE_LIMIT_LENGTH, limits.MESSAGE_BYTES)
             self._database.set_progress_handler(self._too_many_steps, _AT_ONCE)

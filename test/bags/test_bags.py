@@ -86,7 +86,7 @@ def test_a_bag_in_sqlite3(tmp_path: Path) -> None:
         connection = writer.add_connection('/a', STRING, typestore=message_types())
         for index in range(20):
             writer.write(connection, index, serialize(string(str(index)), STRING))
-    for path in (tmp_path / 'bag', tmp_path / 'bag' / 'bag.db3'):
+    for path in (tmp_path / 'bag', tmp_path / 'bag' / 'bag.db3', f'/{tmp_path}/bag'):
         with BagReader(path) as bag:
             assert [message.data for _, message, _ in bag.read(['/a'])] == [str(index) for index in range(20)]
     (tmp_path / 'bag' / 'metadata.yaml').unlink()
