@@ -152,10 +152,10 @@ class BagMotions:
 class _Collector(Method):
     """A method that keeps the windows; its estimates hold no numbers and carry the notes on the data."""
 
-    method = 'calibration'
     needs_rates = False
 
-    def __init__(self) -> None:
+    def __init__(self, number: int) -> None:
+        self.method = f'calibration, motion {number}'
         self.windows: list[Samples] = []
 
     def update(self, windows: list[Samples], origin: int) -> list[Estimate]:
@@ -174,17 +174,17 @@ def read_motions(path: str, config: EstimatorConfig, urdf: str, inputs: Inputs) 
     collectors: list[_Collector] = []
 
     def collect(*_given: object) -> Estimator:
-        collectors.append(_Collector())
+        collectors.append(_Collector(len(collectors)))
         return collectors[-1]
 
     session = Session(config, urdf, collect)
-    notes: tuple[str, ...] = ()
+    last: dict[str, tuple[str, ...]] = {}  # notes on the data of each motion
     with progress_bar(path) as progress, BagReader(path, inputs.start, inputs.end) as bag:
         resolved = inputs.resolved(bag)
         for _ in feed(bag, resolved, lambda messages: resolved.add_to(session, messages), progress):
-            estimates = session.process()
-            notes = estimates[-1].warnings if estimates else notes
-        session.finish()
+            last.update((each.method, each.warnings) for each in session.process())
+        last.update((each.method, each.warnings) for each in session.finish())
+        notes = [text for each in last.values() for text in each]
         warnings = (*bag.warnings, *notes, *intake_warnings(session))
     runs = tuple(collector.windows for collector in collectors if collector.windows)
     return BagMotions(path, runs, tuple(dict.fromkeys(warnings)), tuple(session.intake.joint_reader.heard))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,13 @@ import pytest
 
 import recorded
 from checked import answer
+from defects import no_twist
 from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.core.pipeline import POSES_ALONE
 from mbaid_ros.replay.arguments import replay
 from mbaid_ros.replay.inputs import Inputs
-from mbaid_ros.replay.one_bag import replay_bag
+from mbaid_ros.replay.one_bag import read_motions, replay_bag
 from mbaid_ros.replay.report.page import html
 from recorded import JOINT_STATE, ODOMETRY
 from simulated import CONFIG
@@ -129,14 +132,29 @@ def without_origin(text: str) -> str:
     return json.dumps(result)
 
 
-def test_a_bag_of_four_runs_has_the_rate_of_one(tmp_path: Path) -> None:
-    with BagReader(BAG, 0.0, 4.0) as before, BagWriter(tmp_path / 'bag') as after:
+def played(path: Path, *changes: Callable[[Any], None]) -> str:
+    """Write the first four seconds of the bag once for each change of its odometry."""
+    with BagReader(BAG, 0.0, 4.0) as before, BagWriter(path) as after:
         for topic, kind in (('/joint_states', JOINT_STATE), ('/odom', ODOMETRY)):
             after.add_topic(topic, kind)
-        messages = list(before.read(['/joint_states', '/odom']))
-        for turn in range(4):
-            for topic, message, time in messages:
+        for turn, change in enumerate(changes):
+            for topic, message, time in before.read(['/joint_states', '/odom']):
+                if topic == '/odom':
+                    change(message)
                 after.write(topic, message, time + turn * 4_000_000_000)
+    return str(path)
+
+
+def unchanged(_message: Any) -> None: ...
+
+
+def test_a_bag_of_four_runs_has_the_rate_of_one(tmp_path: Path) -> None:
+    played(tmp_path / 'bag', *[unchanged] * 4)
     found = result_of(tmp_path / 'bag', tmp_path, '--method', 'difference')
     assert found['sensors'][0]['rate'] == pytest.approx(50.0, rel=0.01)
     assert not any('by their stamps' in text for text in found['warnings'])
+
+
+def test_a_calibration_has_the_notes_on_every_motion(tmp_path: Path) -> None:
+    bag = played(tmp_path / 'bag', no_twist, unchanged)
+    assert POSES_ALONE in read_motions(bag, EstimatorConfig(), ROBOT.read_text(), Inputs()).warnings
