@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,46 +14,13 @@ from mbaid_ros.core.contracts import UNDISTURBED, in_stacks
 from mbaid_ros.core.filter.gauss_newton import BatchIteration, MultiStart, Start
 from mbaid_ros.core.filter.hypotheses import MARGIN, HypothesisFilter
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
-from mbaid_ros.core.filter.run import FIRST, Phase, Run
+from mbaid_ros.core.filter.run import Run
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.state import BODY, BODY_PLACES, Point
 from mbaid_ros.core.windows import Window
 from mbaid_ros.simulation.simulation import Truth
 from mbaid_ros.tasks import AT_ONCE, Kind, Tasks, Work
-from observed import HIGH, MID, kernel, observe, windows
-
-
-def spied(monkeypatch: pytest.MonkeyPatch, *, failing: bool) -> list[int]:
-    """Return a list that the number of windows of every search goes to."""
-    lengths: list[int] = []
-    search = MultiStart.search
-
-    def spying(self: MultiStart, run: list[Window], points: Sequence[Callable[[], Point | None]]) -> Work[Start]:
-        lengths.append(len(run))
-        return nowhere() if failing else search(self, run, points)
-
-    def nowhere() -> Work[Start]:
-        yield 1
-        raise np.linalg.LinAlgError('no start leads to a robot that can be')
-
-    monkeypatch.setattr(MultiStart, 'search', spying)
-    return lengths
-
-
-def test_a_run_that_is_given_up_is_searched_again_from_as_many_windows_as_the_first(
-    monkeypatch: pytest.MonkeyPatch, servicer: Truth
-) -> None:
-    taken = windows(observe(servicer, MID, 1))
-    following = make(kernel('servicer7'), MID)
-    following.update(taken, 0)
-    run = some(following.run)
-    run._windows, run.phase = [], Phase.TRACKING
-    lengths = spied(monkeypatch, failing=False)
-    following.restart()
-    for window in taken:
-        following.update([window], 0)
-    assert lengths[0] == FIRST
-
+from observed import HIGH, kernel, observe, windows
 
 ENOUGH = 10_000  # steps of the filter
 

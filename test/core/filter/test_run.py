@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from checked import generic, some
+from checked import generic, returned, some
+from mbaid_ros.core.filter import gauss_newton
 from mbaid_ros.core.filter import run as run_module
 from mbaid_ros.core.filter.gauss_newton import (
     HOPELESS,
@@ -25,7 +26,7 @@ from mbaid_ros.core.filter.hypotheses import MARGIN
 from mbaid_ros.core.filter.run import LinearisationPoint, Phase, Run
 from mbaid_ros.core.forces import DisturbanceModel, disturbances
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.verdict import LARGEST_NIS
+from mbaid_ros.core.results.verdict import IMPOSSIBLE, LARGEST_NIS
 from mbaid_ros.core.robot.body import body_sizes, is_physical
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.state import (
@@ -39,6 +40,7 @@ from mbaid_ros.core.state import (
     trust_region,
     variables,
 )
+from mbaid_ros.tasks import Work
 from observed import kernel
 
 
@@ -118,6 +120,35 @@ def test_a_run_is_inconsistent_by_its_innovations_or_a_jump() -> None:
         (Phase.INITIALISING, False, False),
     ):
         assert bare(phase=phase, grasp_known=known, latest=None).relinearises is relinearises
+
+
+@pytest.mark.parametrize(('windows', 'due', 'after'), [(0, 40, 9), (30, 40, 30), (30, 20, 20)])
+def test_a_run_that_is_given_up_is_searched_anew_with_all_its_windows(windows: int, due: int, after: int) -> None:
+    cancelled: list[Any] = []
+    tasks = SimpleNamespace(cancel=lambda *kinds: cancelled.extend(kinds))
+    given: dict[str, Any] = {
+        'frozen_resolved': np.zeros(2, dtype=bool),
+        'due': due,
+        'first': 9,
+        'windows': [None] * windows,
+    }
+    run = bare(phase=Phase.TRACKING, tasks=tasks, bank=('b',), latest='l', nonlinearity='n', accepted=True, **given)
+    run.restart()
+    assert (run.phase, run._bank, run._latest, run._due) == (Phase.COLLECTING, (), None, after)
+    assert (run.converged, run._nonlinearity, run._newton_step) == (False, None, None)
+    assert run._frozen_resolved.all()
+    assert len(set(cancelled)) == 3
+
+
+def test_an_estimate_misses_a_tracked_motion_by_the_square_of_its_rows() -> None:
+    rows, scaled, mean = generic(1, 4, 6), generic(2, 5, 5), generic(3, 5)
+    tracked = SimpleNamespace(at=lambda *_: rows)
+    run, distribution = bare(layout=SimpleNamespace(point=lambda _: None)), SimpleNamespace(mean=mean)
+    run._variables.tracked, run._variables.from_state = tracked, scaled
+    misfit = rows[:, :5] @ scaled @ mean - rows[:, 5]
+    assert run.misfit_of_target(distribution) == (pytest.approx(np.sum(misfit**2)), 4)
+    run._variables.tracked = None
+    assert run.misfit_of_target(distribution) == (0.0, 0)
 
 
 def misfit(physical: bool, nis: float) -> Any:
@@ -239,6 +270,75 @@ def test_solutions_are_rivalled_ordered_accepted_and_consistent() -> None:
     assert [each.acceptable for each in table] == [True, True, False, False, False]
 
 
+class Iterating:
+    """An iteration over one number, from 8 on: each step leads as far past zero as a factor says."""
+
+    def __init__(self, factor: float, misfits: list[float], *, informed: bool = False, failing: int = 99) -> None:
+        self.variables, self.layout = SimpleNamespace(is_informed=informed), SimpleNamespace(point=self.point)
+        self._factor, self._misfits, self._failing = factor, misfits, failing
+        self.at: list[float] = []
+
+    def point(self, state: Any) -> Any:
+        """Return the point of a state."""
+        made = SimpleNamespace(state=np.array(state), parameters=np.array(state), drift='drift')
+        made.drifting = lambda drift: made if drift == 'drift' else None
+        return made
+
+    def relinearise(self, _: object, point: Any) -> Work[Any]:
+        """Note where windows are linearised."""
+        yield 1
+        self.at.append(float(point.state[0]))
+        if len(self.at) == self._failing:
+            raise np.linalg.LinAlgError
+        return point
+
+    def _followed(self, windows: Any, _: object) -> Work[Any]:
+        yield 1
+        return windows, None
+
+    def _step(self, held: Any, *_: object, mass_held: bool) -> BatchResult:
+        misfit = self._misfits[min(len(self.at), len(self._misfits)) - 1]
+        filtered = SimpleNamespace(misfit=100.0 * misfit, gaussian=SimpleNamespace(measured=100))
+        parts: Any = self.point(-self._factor * held.state), held, [], filtered, None, np.ones(1)
+        flags: dict[str, Any] = {'converged': abs(held.state[0]) < 0.1, 'physical': True, 'mass_held': mass_held}
+        return BatchResult(*parts, **flags)
+
+    def outcome(self) -> Any:
+        """Return the outcome of the iteration."""
+        prior: Any = lambda _: None  # noqa: E731
+        made: Any = self
+        return returned(BatchIteration.converge(made, [], self.point([8.0]), prior))
+
+
+def test_an_iteration_goes_on_until_it_converges_or_is_hopeless() -> None:
+    """Where the target has a prior, steps that turn back are halved, and then grow by half up to whole ones."""
+    plain = Iterating(0.4, [1.0])
+    assert plain.outcome().converged
+    assert plain.at == pytest.approx([8.0 * (-0.4) ** place for place in range(6)])
+    for informed, most in ((False, 12), (True, 24)):
+        endless = Iterating(-1.0, [1.0], informed=informed)
+        assert not endless.outcome().converged
+        assert len(endless.at) == most
+    # From 8 by a whole step, then by halves, as each turns back.
+    damped = Iterating(1.5, [1.0], informed=True)
+    damped.outcome()
+    expected, pace, before = [8.0], 1.0, 0.0
+    while abs(expected[-1]) >= 0.1:
+        step = -2.5 * expected[-1]
+        pace = 0.5 * pace if step * before < 0.0 else min(1.0, 1.5 * pace)
+        before = step
+        expected.append(expected[-1] + pace * step)
+    assert damped.at == pytest.approx(expected)
+    hopeless = {(20.0, 15.0, 15.0, 16.0, 15.0, 14.0): 5, (20.0, 9.9, 12.0): 12, (20.0, 19.0, 18.0, 17.0, 16.0, 5.0): 12}
+    for misfits, count in hopeless.items():
+        endless = Iterating(-1.0, list(misfits))
+        endless.outcome()
+        assert len(endless.at) == count
+    assert Iterating(0.4, [1.0], failing=1).outcome() is None
+    lost = Iterating(0.4, [1.0], failing=3).outcome()
+    assert (lost.converged, lost.point.state.tolist()) == (False, [-3.2])
+
+
 @pytest.mark.parametrize(
     ('frequency', 'eased', 'parts'), [(0.59, True, []), (0.61, True, [1.0, 0.1, 0.01]), (0.61, False, [])]
 )
@@ -299,6 +399,28 @@ def test_windows_are_near_linear_about_a_body_that_is_known_to_a_tenth(
     assert run._is_linear(gaussian) is linear
 
 
+@pytest.mark.parametrize(('correction', 'physical'), [(0.9 * IMPOSSIBLE, True), (1.1 * IMPOSSIBLE, False)])
+@pytest.mark.parametrize(('size', 'converged'), [(50.0, False), (1e-3, True)])
+def test_a_step_goes_as_far_as_the_body_is_linear(
+    size: float, correction: float, monkeypatch: pytest.MonkeyPatch, *, converged: bool, physical: bool
+) -> None:
+    held = LAYOUT.point(np.concatenate((np.zeros(6), generic(3, 6), BODY_THERE)))
+    state = held.state + size * np.concatenate((np.zeros(6), generic(4, 16)))
+    distribution = SimpleNamespace(deviation=np.full(LAYOUT.size, 0.1), mean=None)
+    monkeypatch.setattr(gauss_newton, 'MeanAndCovariance', SimpleNamespace(from_gaussian=lambda *_: distribution))
+    monkeypatch.setattr(BatchIteration, '_nearest_physical', lambda *_: (state.copy(), correction))
+    nothing: Any = None
+    filtered: Any = SimpleNamespace(gaussian=None)
+    step = BatchIteration(LAYOUT, nothing, nothing)._step(held, filtered, [], drift(2.0, np.zeros(1)), mass_held=True)
+    whole = (state - held.state)[6:]
+    part = trust_region(held.parameters, whole)
+    assert (part < 1.0) is (size > 1.0)
+    assert step.point.parameters == pytest.approx(held.parameters + part * whole)
+    assert (step.converged, step.physical, step.mass_held) == (converged, physical, True)
+    assert step.linearised_at is held
+    assert some(step.point.drift).instant == 2.0
+
+
 def test_other_numbers_follow_the_likeliest_body_that_can_exist() -> None:
     """As far as they are correlated with it; where it can exist, or in a plane, all is as estimated."""
     mean, sizes = np.concatenate((generic(3, 12), BODY_THERE)), np.concatenate((np.ones(12), body_sizes(BODY_THERE)))
@@ -325,6 +447,41 @@ def test_other_numbers_follow_the_likeliest_body_that_can_exist() -> None:
     assert distance > 1.0
     assert state[:12] - mean[:12] == pytest.approx(covariance[:12, 12:] @ weighed, rel=1e-6)
     assert is_physical(state[12:] + 1e-6 * BODY_THERE)
+
+
+SEARCHED: dict[str, Any] = {'confirmed': True, 'accepted': True, 'kept': 100, 'searched': 30, 'due': 41, 'nis': 100.0}
+
+
+@pytest.mark.parametrize(
+    ('change', 'linear', 'phase', 'left', 'due'),
+    [
+        ({}, True, Phase.TRACKING, 0, 41),
+        ({'due': 40}, True, Phase.INITIALISING, 34, 40),
+        ({'due': 31, 'kept': 30}, True, Phase.TRACKING, 0, 31),
+        ({}, False, Phase.INITIALISING, 34, 41),
+        ({'due': 101}, False, Phase.TRACKING, 0, 101),
+        ({'due': 101, 'nis': 200.0}, False, Phase.INITIALISING, 19, 29),
+        ({'confirmed': False}, True, Phase.INITIALISING, 34, 41),
+        ({'confirmed': False, 'accepted': False, 'due': 99}, True, Phase.INITIALISING, 34, 99),
+        ({'confirmed': False, 'accepted': False, 'due': 101}, True, Phase.INITIALISING, 19, 21),
+        ({'searching': True}, True, Phase.INITIALISING, 34, 41),
+    ],
+)
+def test_a_run_freezes_its_linearisation_or_drops_the_older_half_of_its_windows(
+    change: dict[str, Any], phase: Phase, left: int, due: int, *, linear: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = SEARCHED | change
+    nis, searching = known.pop('nis'), known.pop('searching', False)
+    gaussian = SimpleNamespace(gaussian=SimpleNamespace(nis=nis, measured=100, log_likelihood=0.0), misfit=nis)
+    cancelled: list[Any] = []
+    tasks = SimpleNamespace(is_under_way=lambda _: searching, cancel=cancelled.append)
+    run = bare(phase=Phase.INITIALISING, tasks=tasks, bank=(gaussian,), windows=[*range(34)], covariance='', **known)
+    monkeypatch.setattr(Run, '_is_linear', lambda *_: linear)
+    monkeypatch.setattr(Run, 'resolved', 'resolved')
+    run._freeze_if_possible()
+    assert (run.phase, len(run._windows), run._due) == (phase, left, due)
+    assert bool(cancelled) is (left < 34)
+    assert run._windows == [*range(34 - left, 34)]
 
 
 PUSHES = disturbances(DisturbanceModel(0.1, 20.0, 'inertial'), DisturbanceModel(0.2, 0.0, 'inertial'))
