@@ -18,9 +18,10 @@ from checked import central_difference, generic, some
 from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.config.simulator_parameters import SimulatorConfig
+from mbaid_ros.core import target
 from mbaid_ros.core.contracts import Unknown
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
-from mbaid_ros.core.free_flight import RATIOS, FreeFlight, PoseNoise
+from mbaid_ros.core.free_flight import RATIOS, FreeFlight, PoseNoise, Track
 from mbaid_ros.core.geometry import (
     Array,
     exp,
@@ -41,6 +42,7 @@ from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.state import BODY, Declared, Layout, variables
 from mbaid_ros.core.target import (
     NOT_A_POSE,
+    OTHER_FRAME,
     CaptureRows,
     ChangedTarget,
     GraspedFrame,
@@ -139,34 +141,6 @@ def test_a_pose_that_jumps_and_one_that_is_none() -> None:
     assert track_of(given).dropped == {NOT_A_POSE: 2}
 
 
-def test_poses_in_an_unknown_frame() -> None:
-    found, notes = flown(replace(poses(), frame='camera'))
-    assert not found
-    assert "298 poses of the target are in the frame 'camera', which is neither 'odom' nor that of a link" in notes
-    assert notes.endswith('the run goes on without the poses of the target')
-
-
-def part(until: float, since: float = 0.0) -> TargetPoses:
-    given = poses()
-    kept = (given.time < until) & (given.time >= since)
-    return TargetPoses(given.time[kept], given.position[kept], given.orientation[kept])
-
-
-def test_poses_that_stop_long_before() -> None:
-    assert flown(part(50.0), **MESSAGES) == (
-        True,
-        'the poses of the target end 10.2 s before the capture: its motion is predicted',
-    )
-    found, notes = flown(part(20.0), **MESSAGES)
-    assert (found, 'end 40.2 s before the capture' in notes) == (False, True)
-
-
-def test_a_capture_before_any_pose() -> None:
-    given = poses()
-    found, notes = flown(replace(given, time=given.time + 100.0))
-    assert (found, notes.startswith('0 usable poses of the target before the capture')) == (False, True)
-
-
 def test_inverted_poses_are_named() -> None:
     given = poses()
     back = np.swapaxes(rotation_from_quaternion(given.orientation), 1, 2)
@@ -183,26 +157,65 @@ def test_a_body_that_something_pushes_is_not_free() -> None:
     assert (found, 'miss those of a free body by' in notes) == (False, True)
 
 
-def test_poses_of_a_camera_on_a_link() -> None:
-    windows, given = bare(), poses()
-    kernel = chaser()
-    link = kernel.model.link('link4')
-    sample = windows[0][:1]
-    rotation, position = (
-        each[0] for each in kernel.kinematics.configure(sample.base_rotation, sample.joint_position).link_pose(link)
-    )
-    turned = rotation.T @ rotation_from_quaternion(given.orientation)
-    seen = replace(
-        given,
-        position=(given.position - position) @ rotation,
-        orientation=quaternion_from_rotation(turned),
-        frame='link4',
-    )
-    here, there = (
-        some(track_of(each, **MESSAGES).flight(kernel, windows, 0, CAPTURE - 0.5, CAPTURE)[0]) for each in (given, seen)
-    )
-    assert there.velocity == pytest.approx(here.velocity, abs=1e-6)
-    assert there.centre == pytest.approx(here.centre, abs=1e-4)
+@pytest.mark.parametrize(
+    ('times', 'excess', 'used', 'noted'),
+    [
+        ((30.0, 47.1, 12), 1.4, True, ()),
+        ((30.0, 46.9, 12), 1.4, True, ('end',)),  # a second and the margin without a pose
+        ((30.0, 47.1, 11), 1.4, False, ('11',)),
+        ((39.9, 45.0, 12), 1.4, True, ('end',)),
+        ((40.1, 45.0, 12), 1.4, False, ('end',)),  # longer without poses than with them
+        ((30.0, 47.1, 12), 1.6, False, ('cause',)),
+    ],
+)
+def test_which_poses_lead_to_a_flight(
+    times: tuple[float, float, int],
+    excess: float,
+    noted: tuple[str, ...],
+    monkeypatch: pytest.MonkeyPatch,
+    *,
+    used: bool,
+) -> None:
+    nothing: Any = None
+    falling: Any = SimpleNamespace(gradient=lambda stamp: stamp)
+    track = TargetTrack(TrackedTargetConfig(), '', falling)
+    poses = Track(np.linspace(*times), np.zeros((times[2], 3)), np.zeros((times[2], 3, 3)))
+    monkeypatch.setattr(track, '_located', lambda *given: (poses if given[-1] == (-72.0, 48.0) else None, ()))
+    monkeypatch.setattr(target, 'free_flight', lambda given, _: SimpleNamespace(track=given, dropped=0))
+    monkeypatch.setattr(target, '_excess', lambda *_: excess)
+    monkeypatch.setattr(target, '_not_free', lambda *_: 'the cause')
+    flight, notes = track.flight(nothing, [], 7, 48.0, 50.0)
+    assert [word in note for word, note in zip(noted, notes, strict=True)] == [True] * len(noted)
+    assert (flight is not None) is used
+    taken: Any = flight
+    if used:
+        assert taken.track.time == pytest.approx(poses.time - 50.0)
+        assert taken.track.gradient(np.array([-2.0])).tolist() == [48_000_000_007]
+
+
+def test_poses_are_located_by_their_frames_and_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In the odometry's frame as it falls, or that of a link as its base moves between two samples."""
+    windows, robot, (turn,), place = bare(4.0), chaser(), exp(generic(3, 1, 3)), generic(8, 3)
+    turns, places, joints = exp(0.3 * generic(4, 10, 3)), generic(5, 10, 3), generic(6, 10, robot.model.joints)
+    windows[3] = replace(windows[3], base_rotation=turns, base_position=places, joint_position=joints)
+    falling: Any = SimpleNamespace(turned=lambda stamps: exp(1e-9 * stamps[:, None] * generic(7, 3)))
+    track = TargetTrack(TrackedTargetConfig(), 'arm_', falling)
+    track.odometry_frame = '/odom'
+    frames = [('odom', 2.0), ('odom', 1.0), ('arm_link4', 1.6375), ('arm_link4', 1.47), ('link4', 1.7), ('odom', 3.0)]
+    for frame, time in [*frames, ('odom', 3.01)]:
+        track._readings.append(target._Reading(frame, round((time + 5.0) * 1e9), place, turn))
+    found, (note,) = track._located(robot, windows, 5_000_000_000, (1.0, 3.0))
+    assert note.startswith("1 poses of the target are in the frame 'link4', which is neither 'odom' nor")
+    assert found.time.tolist() == pytest.approx([1.6375, 2.0, 3.0])
+    base = turns[2] @ exp(0.75 * log(turns[2].T @ turns[3]))
+    moved, held = (each[2] + 0.75 * (each[3] - each[2]) for each in (places, joints))
+    link = robot.kinematics.configure(base[None], held[None]).link_pose(robot.model.link('link4'))
+    axes = np.concatenate((link[0], exp(np.array([[7.0], [8.0]]) * generic(7, 3))))
+    assert found.rotation == pytest.approx(axes @ turn)
+    assert found.position == pytest.approx(axes @ place + [moved + link[1][0], np.zeros(3), np.zeros(3)])
+    monkeypatch.setattr(target, '_MOST', 2)  # of three poses every second one
+    assert track._located(robot, windows, 5_000_000_000, (1.0, 3.0))[0].time.tolist() == pytest.approx([1.6375, 3.0])
+    assert track.dropped[OTHER_FRAME] == 1
 
 
 def turned(given: TargetPoses) -> TargetPoses:
