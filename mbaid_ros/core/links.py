@@ -391,7 +391,7 @@ def declared_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> KnownEr
     unknown = {link.name for link in kernel.unknown}
     massive = (link for link in kernel.model.links if link.parameters[0] > 0.0 and link.name not in unknown)
     bodies = {link.name: link.body for link in massive}
-    own: dict[int, BodyDeviations] = {}
+    own: dict[int, dict[str, float]] = {}
     for name, given in config.links.items():
         if name == kernel.target.name:
             continue  # it has a prior of its own
@@ -399,8 +399,15 @@ def declared_errors(kernel: MomentumKernel, config: KnownLinksConfig) -> KnownEr
             raise ParameterError(
                 f"parameter 'known_links.{name[:60]}' is of no known link with mass; accepted: {listing(bodies)}"
             )
-        own[bodies[name]] = link_deviations(kernel.known[bodies[name]], config, given)
-    return independent_errors(kernel.known, config.relative_std, own)
+        of_body = own.setdefault(bodies[name], {})
+        if twice := sorted(set(of_body) & set(given)):
+            raise ParameterError(
+                f"parameter 'known_links.{name[:60]}.{twice[0]}' is given for another link of the same body, too; "
+                'accepted: one of them'
+            )
+        of_body |= given
+    deviations = {body: link_deviations(kernel.known[body], config, given) for body, given in own.items()}
+    return independent_errors(kernel.known, config.relative_std, deviations)
 
 
 def link_deviations(body: Array, config: KnownLinksConfig, given: Mapping[str, float]) -> BodyDeviations:

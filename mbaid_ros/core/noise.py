@@ -191,14 +191,18 @@ class Differences:
     columns : of each kind of reading
     strides : readings from one in a difference to the next
     order : of the differences
+    rotation : the kind that is a rotation matrix; None of none
 
     Attributes
     ----------
     counts : (rows, bins) up to the stamp of the latest `count`; the rows of a kind are next to each other, by stride
     """
 
-    def __init__(self, columns: tuple[slice, ...], strides: tuple[int, ...], order: int = ORDER) -> None:
+    def __init__(
+        self, columns: tuple[slice, ...], strides: tuple[int, ...], order: int = ORDER, rotation: int | None = None
+    ) -> None:
         self._columns = columns
+        self._rotation = rotation
         self._strides = strides
         self._order = order
         self._kept = order * max(strides)
@@ -216,7 +220,7 @@ class Differences:
         Parameters
         ----------
         stamp : (N,) ns
-        values : (N, w) of all kinds, side by side; nine columns are a rotation matrix
+        values : (N, w) of all kinds, side by side
         sizes : (N, kinds) declared standard deviations
         """
         self._waiting.append((stamp, values, sizes))
@@ -275,7 +279,7 @@ class Differences:
         errors, rows = [], []
         for kind, columns in enumerate(self._columns):
             error = difference[:, columns]
-            if error.shape[1] == 9:
+            if kind == self._rotation:
                 error = _turns(error, self._values[middle, columns])
             errors.append(error / self._sizes[middle, kind, None])
             rows += [row + kind * len(self._strides)] * error.shape[1]
@@ -525,20 +529,20 @@ class LevelEstimator:
     ----------
     noise : of the joints, as declared; the readings hold that of the base
     joints : number
-    passive : those that nothing measures
+    unread : those that nothing measures, and followers, which have readings of their leaders
     trusted : whether declared levels are right
     """
 
-    def __init__(self, noise: SensorNoise, joints: int, passive: Sequence[int] = (), *, trusted: bool = False) -> None:
-        measured = [joint for joint in range(joints) if joint not in passive]
-        self._measured = slice(None) if not passive else np.array(measured, dtype=np.intp)
+    def __init__(self, noise: SensorNoise, joints: int, unread: Sequence[int] = (), *, trusted: bool = False) -> None:
+        measured = [joint for joint in range(joints) if joint not in unread]
+        self._measured = slice(None) if not unread else np.array(measured, dtype=np.intp)
         joints = len(measured)
         self._noise = np.array([noise.joint_position, noise.joint_velocity])
         self._time, self._trusted = noise.base_correlation_time, trusted
         kinds = slice(0, joints), slice(joints, 2 * joints)
         self._joints, self._apart = Differences(kinds, (1,)), Differences(kinds, (2,))
         columns = slice(0, 3), slice(3, 12), slice(12, 15), slice(15, 18)
-        self._base = Differences(columns, _STRIDES)
+        self._base = Differences(columns, _STRIDES, rotation=1)
         self._drift = Differences((slice(0, 3), slice(3, 6)), _LONG_STRIDES, order=1)
         self._latest: tuple[BaseStream, Array] | None = None  # of the base, and the drift (1, 6) until then
         # 1/s, of the noise declared of twist and pose: of the first message, and its geometric mean; logarithms of all
@@ -677,7 +681,7 @@ class NoiseEstimator:
     undeclared : (6,) which CHANNELS are undeclared: their estimated level is used until a message declares one
     estimate : whether estimated levels replace all declared ones
     trusted : whether no readings contradict a declared level
-    passive : joints that nothing measures
+    unread : as of `LevelEstimator`
     of_base : whether the poses are those of an odometry, not made of other sensors' readings
     """
 
@@ -689,7 +693,7 @@ class NoiseEstimator:
         *,
         estimate: bool = False,
         trusted: bool = False,
-        passive: Sequence[int] = (),
+        unread: Sequence[int] = (),
         of_base: bool = True,
     ) -> None:
         self._noise, self._of_base = noise, of_base
@@ -698,7 +702,7 @@ class NoiseEstimator:
         self._declared_from: Stamps = np.full(len(CHANNELS), _NEVER)  # by messages, ns
         self._waiting: list[Samples] = []  # the first windows
         self._settled = False
-        self._levels = LevelEstimator(noise, joints, passive, trusted=trusted)
+        self._levels = LevelEstimator(noise, joints, unread, trusted=trusted)
 
     @property
     def joint_position(self) -> float:

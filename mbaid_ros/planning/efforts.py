@@ -27,7 +27,10 @@ class JointEfforts:
         self._model = model
         self._parsed = parse(model)
         for place, body in enumerate(bodies, start=1):
-            self._parsed.inertias[place] = pinocchio.Inertia.FromDynamicParameters(body[_ORDER])
+            # Of a body without mass that would divide by zero.
+            massive = body[0] > 0.0
+            own = pinocchio.Inertia.FromDynamicParameters(body[_ORDER]) if massive else pinocchio.Inertia.Zero()
+            self._parsed.inertias[place] = own
         self._data = self._parsed.createData()
         self.limits = np.array([model.limits[place].effort for place in model.transmission.independent])
 

@@ -163,8 +163,8 @@ class Information:
 
     def _linearised(self, windows: Sequence[Window]) -> list[WhitenedWindow]:
         """Return windows as the filter takes them; those of passive joints in the order of one motion."""
-        # Only encoders and poses are planned with.
-        layout = replace(self._known.layout, sensors=())
+        # Only encoders and poses are planned with: also those that named sensors make together.
+        layout = replace(self._known.layout, sensors=(), odometry=True)
         variables = replace(self._known.variables, sensors=())
         linearised = LinearisationCache(layout, variables)
         parts = in_stacks(windows, TOGETHER)

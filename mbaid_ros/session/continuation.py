@@ -45,10 +45,13 @@ def read_continuation(config: EstimatorConfig, urdf: str) -> Continuation | None
         state, given = content['continuation'], content['made_by']['parameters']
         if state['robot'] != _digest(urdf):
             raise ParameterError(f"'{path}' is of another robot description; accepted: a result with the same")
-        for name, value in values_of(config).items():
-            if name.startswith(_SHARED) and name in given and given[name] != _plain(value):
-                differ = f'{name} {shown(given[name])}, this run has {shown(value)}'
-                raise ParameterError(f"'{path}' was made with {differ}; accepted: the same")
+        own = {name: _plain(value) for name, value in values_of(config).items()}
+        for name in [each for each in dict.fromkeys((*own, *given)) if each.startswith(_SHARED)]:
+            # Those of a joint, link or sensor stand there only where they are given.
+            known = name in own and name in given
+            if own[name] != given[name] if known else name.count('.') > 1:
+                before, now = (shown(each[name]) if name in each else 'not set' for each in (given, own))
+                raise ParameterError(f"'{path}' was made with {name} {before}, this run has {now}; accepted: the same")
         count = len(state['root'])
         root = np.array([[0.0] * place + list(row) for place, row in enumerate(state['root'])], dtype=float)
         bias = np.array(state['bias'], dtype=float)

@@ -372,7 +372,7 @@ class Segment:
                 noise.undeclared,
                 estimate=noise.estimate,
                 trusted=noise.trust_declared,
-                passive=described.springs.joints,
+                unread=(*described.springs.joints, *model.transmission.followers),
                 of_base=not config.poses.alone,
             ),
             view=None if falling is None else falling.to_falling_frame,

@@ -164,10 +164,18 @@ def test_the_file_of_a_run_holds_it_and_is_of_that_robot(
     np.testing.assert_array_equal(found.bias, left.bias)
     with pytest.raises(ParameterError, match='is of another robot description'):
         read_continuation(config, '<robot name="other"/>')
-    for name, value, differ in (('known_links.relative_std', 0.02, '0.01'), ('poses.names', ['camera'], r'\[\]')):
+    for name, value, differ in (
+        ('known_links.relative_std', 0.02, '0.01'),
+        ('poses.names', ['camera'], r'\[\]'),
+        ('known_joints.joint2.zero_std', 0.02, 'not set'),
+    ):
         other = build(EstimatorConfig, {'continue_from': str(path), name: value})
         with pytest.raises(ParameterError, match=f'was made with {name} {differ}, this run has'):
             read_continuation(other, URDF)
+    parameters['known_joints.joint4.zero_std'] = 0.02
+    written()
+    with pytest.raises(ParameterError, match=r'with known_joints.joint4.zero_std 0.02, this run has not set'):
+        read_continuation(config, URDF)
     written(continuation=None)
     with pytest.raises(ParameterError, match='cannot be continued'):
         read_continuation(config, URDF)

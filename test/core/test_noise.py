@@ -65,6 +65,21 @@ def test_levels_are_found_within_a_tenth_whatever_moves(rate: float, jitter: flo
     assert levels.times.tolist() == [0.0, 0.0]
 
 
+@pytest.mark.parametrize(('joints', 'unread'), [(9, ()), (9, (7, 8)), (12, (0, 1, 2, 3))])
+def test_as_many_joints_as_a_rotation_has_numbers_and_followers_have_the_level_of_the_others(
+    joints: int, unread: tuple[int, ...]
+) -> None:
+    rng, stamps = np.random.default_rng(2), 20_000_000 * np.arange(2000)
+    moving = 0.2 * np.sin(1e-9 * stamps[:, None] * (0.3 + 0.05 * np.arange(joints)) + np.arange(joints))
+    read = moving + MID.joint_position * rng.normal(size=moving.shape)
+    read[:, list(unread)] = 0.1 * read[:, -len(unread) - 1 :][:, : len(unread)]  # as of leaders
+    levels = LevelEstimator(MID, joints, unread)
+    levels.add_readings(JointStream(stamps, read, np.full_like(read, np.nan)), None)
+    found = levels.levels_at(int(stamps[-1]), 0.02, free=(False, False))
+    assert found.factor[0] == pytest.approx(1.0, rel=0.05)
+    assert not found.used[0]
+
+
 def test_single_readings_far_off_make_little_of_a_difference() -> None:
     joints, base = streams(60.0, 100.0)
     rng = np.random.default_rng(1)

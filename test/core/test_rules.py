@@ -100,7 +100,7 @@ def test_noise_of_a_run(given: str, kept: float, unchanged: Unchanged) -> None:
         joint, undeclared = drawn_joints(rng, base.stamp, size), given == 'undeclared'
         base = replace(base, declared=np.full((800, 4), not undeclared) | (np.arange(800) > 500)[:, None])
         flags = {'estimate': given == 'estimated', 'trusted': given == 'trusted'}
-        estimator = noise.NoiseEstimator(MID, 3, np.full(6, undeclared), passive=[1], **flags)
+        estimator = noise.NoiseEstimator(MID, 3, np.full(6, undeclared), unread=[1], **flags)
         if given == 'poses alone':
             base = replace(base, angular_velocity=np.full((800, 3), np.nan))
         for begin in range(0, 800, 50):

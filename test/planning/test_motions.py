@@ -240,6 +240,14 @@ def test_torques_are_those_that_drive_the_simulated_robot_with_the_estimated_bod
         assert torque == pytest.approx(driven.torque(state, bend[index]), rel=1e-9, abs=1e-9)
 
 
+def test_a_link_without_mass_leaves_the_limits_of_all_others() -> None:
+    model, place = robot('servicer7'), np.full((1, 1, 7), 0.1)
+    bodies = MomentumKernel(model, 'link7').body_parameters(BODY)
+    bodies[3] = 0.0
+    use = JointEfforts(model, bodies).limit_use(place, 0.0 * place, place, np.zeros((1, 1, 6)))
+    assert np.all(use[0] > 0.0)
+
+
 def test_a_motion_keeps_the_effort_limits_and_names_them_where_they_bind(identified: Begun) -> None:
     strong, weak = planner(identified, duration=6.0), planner(identified, duration=6.0)
     weak.motions.efforts.limits = np.full(7, 2.0)

@@ -268,3 +268,15 @@ def with_spheres(model: RobotModel, radius: float) -> RobotModel:
         geometry = ET.SubElement(ET.SubElement(link, 'collision'), 'geometry')
         ET.SubElement(geometry, 'sphere', radius=str(size))
     return load_model(ET.tostring(tree, encoding='unicode'))
+
+
+def test_poses_that_named_sensors_make_together_count_in_a_plan() -> None:
+    robot = begun(seconds=5.5)
+    end = replace(robot.posterior.end, noise=replace(robot.posterior.end.noise, twist=np.full((6, 6), np.nan)))
+    found = []
+    for odometry in (True, False):
+        layout = replace(robot.posterior.layout, odometry=odometry)
+        motions = planner(robot, replace(robot.posterior, end=end, layout=layout)).motions
+        drawn = np.random.default_rng(1).normal(size=(1, 32, 7))
+        found.append(motions.relative(motions.limited(drawn), motions.coarse)[0])
+    assert found[0].tolist() == found[1].tolist()

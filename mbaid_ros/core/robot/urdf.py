@@ -305,6 +305,11 @@ class Transmission:
     offset: Array
     direct: bool  # whether every joint is independent
 
+    @property
+    def followers(self) -> tuple[int, ...]:
+        """Indices of the joints that mimic others."""
+        return tuple(np.setdiff1d(np.arange(len(self.driver)), self.independent).tolist())
+
     def positions(self, values: Array) -> Array:
         """Return the positions (..., n) of all joints at those (..., k) of the independent ones."""
         return values if self.direct else values[..., self.driver] * self.multiplier + self.offset

@@ -9,10 +9,17 @@ import pytest
 
 from checked import central_difference
 from mbaid_ros.core.geometry import Array, exp, skew, unvec, vec
-from mbaid_ros.core.links import BodyDeviations, calibrated_errors, independent_errors
+from mbaid_ros.core.links import (
+    BodyDeviations,
+    KnownLinksConfig,
+    calibrated_errors,
+    declared_errors,
+    independent_errors,
+)
 from mbaid_ros.core.robot.body import body_sizes, physical, physical_jacobian, principal, pseudo_inertia, standard
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import MomentumKernel
+from mbaid_ros.errors import ParameterError
 from mbaid_ros.replay.export import box_sizes, ellipsoid_radii
 
 SEEDS = range(5)
@@ -154,6 +161,23 @@ def test_declared_errors_are_of_each_body_as_a_whole_and_of_each_parameter_by_it
     unit = 0.01 * sizes.ravel()
     assert errors.covariance / np.outer(unit, unit) == pytest.approx(wanted / np.outer(unit, unit), abs=1e-12)
     assert independent_errors(robot.known, 0.0).count == 0
+
+
+def test_links_of_one_body_declare_it_together() -> None:
+    link = (
+        '<link name="{}"><inertial><mass value="{}"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+        '</inertial></link>'
+    )
+    joint = '<joint name="{0}" type="{1}"><parent link="base"/><child link="{0}"/></joint>'
+    links = ''.join(link.format(*each) for each in (('base', 50), ('tank', 5), ('hand', 3)))
+    urdf = f'<robot name="r">{links}{joint.format("tank", "fixed")}{joint.format("hand", "continuous")}</robot>'
+    robot = MomentumKernel(load_model(urdf), 'hand')
+    given = {'base': {'mass_relative_std': 0.1}, 'tank': {'com_std': 0.002}}
+    found = declared_errors(robot, KnownLinksConfig(links=given)).covariance
+    alone = declared_errors(robot, KnownLinksConfig(links={'tank': {**given['base'], **given['tank']}})).covariance
+    assert found == pytest.approx(alone)
+    with pytest.raises(ParameterError, match=r'known_links.tank.com_std. is given for another link of the same body'):
+        declared_errors(robot, KnownLinksConfig(links={'base': {'com_std': 0.1}, 'tank': {'com_std': 0.1}}))
 
 
 def test_of_a_body_that_is_weighed_the_mass_is_known_and_the_rest_goes_with_it() -> None:
