@@ -21,7 +21,7 @@ from mbaid_ros.core.results.estimate import Estimate
 _FOLDER = Path(__file__).with_name('estimates')
 # Of a standard deviation or a size: rounding differs between processors by far less, a mistake that matters by more.
 _CLOSE = 1e-3
-_UNKNOWN = 1e4  # a standard deviation of what nothing determines is as large: rounding decides how much larger
+_UNKNOWN = 1e4  # standard deviations of undetermined numbers are as large: rounding decides how much larger
 _OF_ONE = 'share', 'course of residuals'  # numbers of size one: of far smaller ones rounding is left
 _WORDS = 30  # letters of a cause: wording may change
 

@@ -365,7 +365,7 @@ def test_samples_have_the_readings_since_the_one_before(pieces: int) -> None:
 
 @pytest.mark.parametrize('measures', ['both', 'position', 'orientation'])
 def test_readings_are_summed_in_the_world_of_the_odometry_which_the_first_of_them_places(measures: str) -> None:
-    """Each at the next sample, if that is near; what is not measured is no outlier."""
+    """Each at the next sample, if that is near; parts without a measurement are no outliers."""
     rng, every = np.random.default_rng(3), np.append(np.arange(0, 1000, 50), 2000) * 1_000_000
     stamps = np.array([3, 20, 61, 500, 899, 1880, 1900, 1990]) * 1_000_000
     at = np.searchsorted(every, stamps)
