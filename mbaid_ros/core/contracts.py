@@ -743,7 +743,8 @@ class Convention:
     joint_range: float = 0.0  # rad, that joint readings exceed at least where it may be so
     base_range: float = 0.0  # m, that positions of the base do
     delay: float = 0.0  # s, of the joints' stamps
-    misfit_left: float = LEFT  # part of the misfit that it may leave to be tried
+    # Part of the misfit that it may leave to be tried; infinite: noise hides its misfit, and the likelihood decides.
+    misfit_left: float = LEFT
     least_mass: float = 0.0  # kg, of a target that it may be so for: a body in the hand makes no link lighter
     repair: Repair | None = None  # how a run takes it into account; None where it cannot
     rest: tuple[Unknown, ...] = ()  # how far the numbers that were found for it may be off

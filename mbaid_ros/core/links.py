@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
@@ -10,13 +10,14 @@ from typing import ClassVar
 import numpy as np
 from scipy.linalg import block_diag
 
-from mbaid_ros.core.contracts import Convention, NominalModel, Unknown, Words
+from mbaid_ros.core.contracts import Convention, NominalModel, Unknown, Words, converted
 from mbaid_ros.core.geometry import Array, unvec
 from mbaid_ros.core.repair import Conversion, Repair, Setting, numbers, widened
 from mbaid_ros.core.results.estimate import BAND
-from mbaid_ros.core.robot.body import body_length, body_sizes, physical, physical_jacobian
-from mbaid_ros.core.robot.model import Link, PlaneDetector, RobotModel, express
+from mbaid_ros.core.robot.body import are_physical, body_length, body_sizes, physical, physical_jacobian
+from mbaid_ros.core.robot.model import Link, PlaneDetector, RobotModel, express, load_model
 from mbaid_ros.core.robot.momentum import BodyStates, KnownErrors, MomentumKernel, regressor
+from mbaid_ros.core.robot.urdf import InertiaMeaning, with_inertias
 from mbaid_ros.errors import ParameterError, listing
 from mbaid_ros.parameters import by_name, parameter
 
@@ -27,6 +28,7 @@ _UNITS = (1e3, 1e-3)  # grams for kilograms, and the other way round
 _HEAVY = 0.01  # share of the robot's mass, from which a link's inertia matters
 _REACH = 10.0  # times the robot's size, that no link's radius of gyration reaches
 _MILLIMETRE = 1e-3  # m
+_SAME = 1e-9  # of the largest parameter of a body, below which tensors meant otherwise are rounding
 _SLENDER = 200.0  # times the largest radius of gyration, that no joint is away from the one before it
 # kg/m^3, lead and air: a denser link, or a lighter base, is described in another unit.
 _DENSEST, _LIGHTEST = 11_300.0, 1.2
@@ -268,24 +270,36 @@ def masses(names: Sequence[str], factor: Array) -> tuple[str, ...]:
     return tuple(found)
 
 
-def known_bodies(model: RobotModel, errors: KnownErrors, known: Array | None = None) -> KnownBodies:
-    """Return the errors of known bodies as an unknown; `known` (n + 1, 10) are the bodies as described."""
-    labels = tuple(f'link:{name}' for name in _names(model, errors.bodies) for _ in range(10))
+def known_bodies(
+    model: RobotModel, errors: KnownErrors, known: Array | None = None, unknown: Collection[str] = ()
+) -> KnownBodies:
+    """Return the errors of known bodies as an unknown.
+
+    Parameters
+    ----------
+    known : (n + 1, 10), the bodies as described
+    unknown : names of links that are no part of them
+    """
+    labels = tuple(f'link:{name}' for name in _names(model, errors.bodies, unknown) for _ in range(10))
     described = () if known is None else tuple(known[list(errors.bodies)])
     return KnownBodies(errors.factor, labels, errors.bodies, described)
 
 
-def densities(model: RobotModel, known: Array, std: float) -> KnownBodies:
-    """Return one number for each known body (n + 1, 10) with mass: how much heavier it is, the same otherwise."""
+def densities(model: RobotModel, known: Array, std: float, unknown: Collection[str] = ()) -> KnownBodies:
+    """Return one number for each known body (n + 1, 10) with mass: how much heavier it is, the same otherwise.
+
+    Links in `unknown`, by name, are no part of them.
+    """
     bodies = np.flatnonzero(known[:, 0] > 0.0).tolist()
-    labels = tuple(f'density:{name}' for name in _names(model, bodies) for _ in range(10))
+    labels = tuple(f'density:{name}' for name in _names(model, bodies, unknown) for _ in range(10))
     return KnownBodies(block_diag(*(std * known[body, :, None] for body in bodies)), labels, tuple(bodies))
 
 
-def _names(model: RobotModel, bodies: Sequence[int]) -> list[str]:
-    """Return the name of each body: that of its first link with mass."""
-    found = {link.body: link.name for link in reversed(model.links)}
-    found |= {link.body: link.name for link in reversed(model.links) if link.parameters[0] > 0.0}
+def _names(model: RobotModel, bodies: Sequence[int], unknown: Collection[str]) -> list[str]:
+    """Return the name of each body: that of its first link with mass that is not unknown."""
+    found: dict[int, str] = {}
+    for link in sorted(model.links, key=lambda link: (link.name in unknown, link.parameters[0] <= 0.0)):
+        found.setdefault(link.body, link.name)
     return [found[body] for body in bodies]
 
 
@@ -332,6 +346,34 @@ def _arms_in_another_unit(kernel: MomentumKernel, heaviest: Mapping[int, Link]) 
             kernel.with_body_changes(change),
             repair=_converted(kernel, known, unit, 'the arm is described') if unit > 1.0 and dense else None,
         )
+
+
+def mistaken_tensors(kernel: MomentumKernel) -> Iterator[Convention]:
+    """Yield inertia tensors of the description that are meant otherwise, where all links can have those."""
+    unknown, model = {each.name for each in kernel.unknown}, kernel.model
+    for meaning, text in _TENSORS.items():
+        other = load_model(with_inertias(model.urdf, meaning), model.base_link)
+        links = [link.parameters for link in other.links if link.parameters[0] > 0.0 and link.name not in unknown]
+        change = other.body_parameters(unknown) - model.body_parameters(unknown)
+        if np.max(np.abs(change)) > _SAME * np.max(kernel.known) and are_physical(np.array(links)).all():
+            repair = converted(text, Conversion(inertias=meaning))
+            yield Convention(text, kernel.with_body_changes(change), misfit_left=np.inf, repair=repair)
+
+
+_TENSORS: Mapping[InertiaMeaning, str] = {
+    'about the origins': (
+        "the inertia tensors of the robot description are about the links' origins: in a URDF they are about the "
+        'centres of mass; subtract the mass times the squared distance'
+    ),
+    'opposite products': (
+        'the products of inertia of the robot description have the opposite sign: in a URDF ixy is minus the integral '
+        'of x y; reverse ixy, ixz and iyz'
+    ),
+    'not turned': (
+        "the inertia tensors of the robot description are in the axes of the links: in a URDF the inertial's rpy turns "
+        'them; set it to 0'
+    ),
+}
 
 
 def _converted(kernel: MomentumKernel, bodies: Sequence[int], unit: float, described: str) -> Repair:

@@ -17,6 +17,7 @@ from mbaid_ros.core.geometry import (
     rotate,
     rotation_from_quaternion,
 )
+from mbaid_ros.core.robot.urdf import InertiaMeaning
 from mbaid_ros.core.samples import BaseStream, JointStream, Stamps
 
 Setting = bool | float | str | tuple[float, ...] | tuple[str, ...]  # the value of a parameter
@@ -51,12 +52,13 @@ class Conversion:
     left_out: tuple[tuple[float, float], ...] = ()  # s since the first sample: joint readings in between
     masses: Mapping[str, float] = field(default_factory=dict)  # factors of links' masses and inertias, by name
     lengths: float = 1.0  # m in a unit of the robot description's lengths
+    inertias: InertiaMeaning = 'as read'  # the tensors of the robot description
     origin: int = field(default=0, compare=False)  # ns, stamp of the first sample of the run that it was found in
 
     @property
     def of_description(self) -> bool:
         """Whether the robot description is not as it is read."""
-        return bool(self.masses) or self.lengths != 1.0
+        return bool(self.masses) or self.lengths != 1.0 or self.inertias != 'as read'
 
     @property
     def of_poses(self) -> bool:

@@ -57,7 +57,7 @@ from mbaid_ros.core.joints.model import (
     joint_placements,
     suspected_gears,
 )
-from mbaid_ros.core.links import densities, independent_errors, known_bodies, mistaken_masses
+from mbaid_ros.core.links import densities, independent_errors, known_bodies, mistaken_masses, mistaken_tensors
 from mbaid_ros.core.odometry.faults import axis_conventions, inverted_marker, mistaken_poses
 from mbaid_ros.core.odometry.model import (
     LATE,
@@ -106,9 +106,10 @@ def unknowns(config: EstimatorConfig, kernel: MomentumKernel) -> tuple[Unknown, 
     kernel : of the robot, with the errors of its known bodies
     """
     model, located, odometry = kernel.model, config.located, config.by_odometry
+    of_target = [link.name for link in kernel.unknown]
     gyros = declared_gyros(config.imu, config.gyros)
     return uncertain(
-        known_bodies(model, kernel.errors, kernel.known),
+        known_bodies(model, kernel.errors, kernel.known, of_target),
         declared_placements(config.known_joints, kernel),
         declared_wheels(config.wheels, kernel),
         *declared_thrusters(config.thrust, model),
@@ -214,11 +215,11 @@ def suspects(kernel: MomentumKernel, sensors: Sequence[NamedSensor] = ()) -> tup
     Their standard deviations are too small to matter, a thousandth of a plausible value. Exact declarations are
     among them.
     """
-    model = kernel.model
+    model, of_target = kernel.model, [link.name for link in kernel.unknown]
     each = np.full(model.joints, _EXACT)
     return (
-        known_bodies(model, independent_errors(kernel.known, _EXACT_LINK), kernel.known),
-        densities(model, kernel.known, _EXACT_MASS),
+        known_bodies(model, independent_errors(kernel.known, _EXACT_LINK), kernel.known, of_target),
+        densities(model, kernel.known, _EXACT_MASS, of_target),
         joint_placements(kernel, *(each.tolist(),) * 3),
         odometry_mount(_EXACT, _EXACT),
         time_offset(_EXACT),
@@ -251,6 +252,7 @@ def conventions(marker: PlacedFrame | None) -> tuple[ConventionFactory, ...]:
         mistaken_poses,
         other_targets,
         mistaken_masses,
+        mistaken_tensors,
         partial(inverted_marker, marker=marker),
         partial(axis_conventions, marker=marker),
     )

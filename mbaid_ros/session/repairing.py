@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.repair import Conversion, Repair, Setting, leading_repair
 from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.urdf import scale_inertials, scale_lengths
+from mbaid_ros.core.robot.urdf import scale_inertials, scale_lengths, with_inertias
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.parameters import build, values_of
 
@@ -65,6 +65,7 @@ def described(urdf: str, repairs: Sequence[Repair]) -> str:
     for each in conversions(repairs):
         urdf = scale_inertials(urdf, each.masses) if each.masses else urdf
         urdf = scale_lengths(urdf, each.lengths) if each.lengths != 1.0 else urdf
+        urdf = with_inertias(urdf, each.inertias) if each.inertias != 'as read' else urdf
     return urdf
 
 

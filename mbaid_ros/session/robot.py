@@ -104,7 +104,7 @@ class CalibratedModel:
         values[len(carry) : -6 : 6] = self.zeros
         doubted = kernel.with_errors(KnownErrors(bodies, diagonal(of_bodies)))
         robot = uncertain(
-            known_bodies(doubted.model, doubted.errors),
+            known_bodies(doubted.model, doubted.errors, unknown=[link.name for link in kernel.unknown]),
             joint_placements(doubted, zeros.tolist(), origins.tolist(), axes.tolist()),
         )
         of_odometry = uncertain(odometry_mount(float(position), float(orientation)))

@@ -302,7 +302,10 @@ class CandidateCauses:
         likely = [fit for fit in fits[1:] if fit.exists and fit.misfit < fit.convention.misfit_left * fits[0].misfit]
         likely.sort(key=lambda each: each.misfit)
         delays = [fit for fit in likely if fit.convention.delay]  # one of them will do
-        for fit in [fit for fit in likely if fit not in delays[1:]][:_TRIED]:
+        # A small change of the momentum, which the misfit of noisy windows does not show: the likelihood does.
+        small = [fit for fit in likely if fit.convention.misfit_left == np.inf]
+        others = [fit for fit in likely if fit not in (*delays[1:], *small)]
+        for fit in (*others[:_TRIED], *small):
             other = replace(self.layout, kernel=fit.convention.kernel)
             passes, read = replace(self, layout=other).extended(*fit.convention.rest), fit.convention.windows(windows)
             part, repair = len(read) / len(windows), fit.convention.repair

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import NoReturn
+from typing import Literal, NoReturn
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -20,7 +20,7 @@ import numpy.typing as npt
 import pinocchio
 
 from mbaid_ros import limits
-from mbaid_ros.core.geometry import Array, exp
+from mbaid_ros.core.geometry import Array, exp, skew, unvec, vec
 from mbaid_ros.errors import ModelError, listing
 
 _LONGEST_REASON = 1_000  # characters: a line that is read
@@ -34,6 +34,8 @@ _STDERR = 2  # descriptor of the stream that the parser complains on
 _COMPLAINT = re.compile(r'^Error:\s+(.*)$', re.MULTILINE)
 _MOST = 10_000  # bytes that are looked at: a broken file has no end of complaints
 _INERTIA = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
+# How the tensors of a description may be meant otherwise than about the centres of mass, in the inertials' axes.
+InertiaMeaning = Literal['as read', 'about the origins', 'opposite products', 'not turned']
 _one_at_a_time = threading.Lock()
 SUPPORTED_JOINTS = ('revolute', 'continuous', 'prismatic', 'fixed')
 
@@ -613,6 +615,31 @@ def scale_inertials(urdf: str, factors: Mapping[str, float]) -> str:
         for element in (*inertial.findall('mass'), *inertial.findall('inertia')):
             for key, value in element.attrib.items():
                 element.set(key, repr(factor * float(value)))
+    return ET.tostring(robot, encoding='unicode')
+
+
+def with_inertias(urdf: str, meaning: InertiaMeaning) -> str:
+    """Return a URDF with all tensors about the centres of mass, in the axes of the inertials, that it has otherwise."""
+    robot = tree_of(urdf, comments=True)
+    for inertial in robot.findall('link/inertial'):
+        written, origin, mass = (inertial.find(part) for part in ('inertia', 'origin', 'mass'))
+        if written is None or mass is None:
+            continue
+        read = np.array([float(written.get(key, '0')) for key in _INERTIA])
+        offset, turn = (
+            np.array([float(x) for x in ('0 0 0' if origin is None else origin.get(key, '0 0 0')).split()])
+            for key in ('xyz', 'rpy')
+        )
+        axes = pinocchio.rpy.rpyToMatrix(*turn)
+        if meaning == 'opposite products':
+            meant = np.where(np.isin(np.arange(6), (1, 2, 4)), -read, read)
+        elif meaning == 'not turned':
+            meant = vec(axes.T @ unvec(read) @ axes)
+        else:  # I_c = I_o + m [c]x [c]x, in the axes of the inertial
+            lever = skew(axes.T @ offset)
+            meant = read + float(mass.get('value', '0')) * vec(lever @ lever)
+        for key, value in zip(_INERTIA, meant.tolist(), strict=True):
+            written.set(key, repr(value))
     return ET.tostring(robot, encoding='unicode')
 
 

@@ -106,12 +106,15 @@ def test_the_conventions_that_fit_best_are_tried() -> None:
         fit('swapped', 0.5),
         fit('sign', 0.6),
         fit('scale', 0.7),
+        fit('tensors', 1.01, left=np.inf),
+        fit('no tensors', 0.9, exists=False, left=np.inf),
     ]
+    tried = ['degrees', 'later', 'swapped', 'sign', 'tensors']  # the last beside the four
     found = list(causes()._conventions(windows(10), fits))
-    assert [each.text for each in found] == ['degrees', 'later', 'swapped', 'sign']
-    assert [each.part for each in found] == [1.0, 0.5, 1.0, 1.0]
-    assert [len(each.windows) for each in found] == [10, 5, 10, 10]
-    assert [each.point[0] for each in found] == ['degrees', 'later', 'swapped', 'sign']
+    assert [each.text for each in found] == tried
+    assert [each.part for each in found] == [1.0, 0.5, 1.0, 1.0, 1.0]
+    assert [len(each.windows) for each in found] == [10, 5, 10, 10, 10]
+    assert [each.point[0] for each in found] == tried
 
 
 def test_a_wrong_twist_and_joints_that_stand_still_are_left_out() -> None:

@@ -14,14 +14,14 @@ from checked import some
 from mbaid_ros.core.contracts import Convention
 from mbaid_ros.core.diagnosis.passes import fitted
 from mbaid_ros.core.geometry import Array, cross, exp, rotate, rotate_back, rotation_from_quaternion, vec
-from mbaid_ros.core.links import _density
+from mbaid_ros.core.links import _density, mistaken_tensors
 from mbaid_ros.core.odometry.faults import RateMotion, axis_conventions, twist_check
 from mbaid_ros.core.odometry.stream import AttachedFrame
 from mbaid_ros.core.repair import Conversion
-from mbaid_ros.core.robot.body import standard
+from mbaid_ros.core.robot.body import physical, standard
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import MomentumKernel
-from mbaid_ros.core.robot.urdf import scale_inertials
+from mbaid_ros.core.robot.urdf import replace_inertial, scale_inertials
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.errors import ModelError
 from mbaid_ros.session.catalogue import conventions
@@ -297,6 +297,22 @@ def test_an_arm_in_grams_is_told_from_a_base_in_tonnes_by_matter_that_does_not_e
     tonnes = mistaken(grams(1e-3, 'base_link'), 'the moving links (link1')
     assert tonnes.repair is None
     assert mistaken(grams(1.0), 'the moving links').text.endswith('are 0.001 times as heavy as they are: a wrong unit?')
+
+
+def test_tensors_about_the_origins_of_the_links_are_converted() -> None:
+    right = grams(1.0)
+    text = right.model.urdf
+    for link in right.model.links:
+        mass, com = physical(link.parameters)[:1], physical(link.parameters)[1:4]
+        text = replace_inertial(text, link.name, np.concatenate((mass, com, link.parameters[4:])))
+    wrong = MomentumKernel(load_model(text), 'link7')
+    assert np.max(np.abs(wrong.known - right.known)) > 1.0
+    found = mistaken(wrong, 'the inertia tensors of the robot description are about')
+    np.testing.assert_allclose(found.kernel.known, right.known, atol=1e-9)
+    assert some(found.repair).conversion == Conversion(inertias='about the origins')
+    # Links have less inertia than their distance from their origins makes out, and their inertials are not turned.
+    left = [some(some(each.repair).conversion).inertias for each in mistaken_tensors(right)]
+    assert left == ['opposite products']
 
 
 def test_a_scaled_description_has_the_scaled_inertials_alone() -> None:

@@ -10,9 +10,10 @@ import pinocchio
 import pytest
 
 from mbaid_ros.core.geometry import Array, vec
-from mbaid_ros.core.links import independent_errors
+from mbaid_ros.core.links import independent_errors, known_bodies
 from mbaid_ros.core.robot.body import are_physical, is_physical, standard
 from mbaid_ros.core.robot.model import RobotModel, displaced, load_model, parse
+from mbaid_ros.core.robot.momentum import KnownErrors
 from mbaid_ros.core.robot.urdf import Mimic, transmission
 from mbaid_ros.errors import ModelError
 from mbaid_ros.simulation.true_robot import ErrorStds, draw, generator, with_bodies
@@ -80,6 +81,12 @@ def test_a_link_on_a_fixed_joint_belongs_to_the_body_that_carries_it() -> None:
     assert model.body_parameters(without='debris')[1] == pytest.approx(model.link('arm').parameters)
     # Of links that are fixed to each other what comes last is what is held.
     assert model.last_link == 'debris'
+    # The name of a body is that of a part of it that is known.
+    names = {
+        target: set(known_bodies(model, KnownErrors((1,), np.eye(10)), unknown=(target,)).labels)
+        for target in ('debris', 'arm')
+    }
+    assert names == {'debris': {'link:arm'}, 'arm': {'link:debris'}}
 
 
 @pytest.mark.parametrize(('name', 'last'), [('table1', 'link4'), ('ets7', 'link6'), ('servicer7', 'link7')])

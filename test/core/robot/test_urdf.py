@@ -7,9 +7,16 @@ import re
 import numpy as np
 import pytest
 
+from mbaid_ros.core.geometry import Array, vec
 from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.robot.model import load_model, parse
-from mbaid_ros.core.robot.urdf import Inertial, read_description, replace_inertial
+from mbaid_ros.core.robot.urdf import (
+    Inertial,
+    InertiaMeaning,
+    read_description,
+    replace_inertial,
+    with_inertias,
+)
 from mbaid_ros.errors import MbaidError, ModelError
 from mbaid_ros.limits import LINKS, URDF_CHARACTERS
 from simulated import CONFIG
@@ -285,3 +292,23 @@ def test_every_link_reads_back(name: str) -> None:
     for link, before in zip(load_model(changed).links, model.links, strict=True):
         expected = 1.01 * physical(before.parameters)
         assert physical(link.parameters) == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())
+
+
+# A body of 2 kg in an inertial turned a quarter about z, (0.3, 0.1, 0) m away: x of the inertial is y of the link.
+TURNED = '<origin xyz="0.3 0.1 0" rpy="0 0 1.5707963267948966"/>'
+ABOUT_COM = np.array([[1.5, -0.1, -0.3], [-0.1, 1.0, 0.2], [-0.3, 0.2, 1.2]])  # of INERTIA, in the link's axes
+STEINER = 2.0 * np.array([[0.01, -0.03, 0.0], [-0.03, 0.09, 0.0], [0.0, 0.0, 0.1]])
+MEANT: list[tuple[InertiaMeaning, Array]] = [
+    ('about the origins', ABOUT_COM - STEINER),
+    ('opposite products', 2.0 * np.diag(np.diag(ABOUT_COM)) - ABOUT_COM),
+    ('not turned', np.array([[1.0, 0.1, 0.2], [0.1, 1.5, 0.3], [0.2, 0.3, 1.2]])),
+]
+
+
+@pytest.mark.parametrize(('meaning', 'inertia'), MEANT)
+def test_tensors_that_are_meant_otherwise_are_written_as_a_urdf_has_them(
+    meaning: InertiaMeaning, inertia: Array
+) -> None:
+    changed = load_model(with_inertias(with_origin(TURNED), meaning)).link('arm')
+    expected = np.concatenate(([2.0, 0.3, 0.1, 0.0], vec(inertia)))
+    np.testing.assert_allclose(physical(changed.parameters), expected, atol=1e-12)
