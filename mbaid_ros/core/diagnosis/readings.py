@@ -472,9 +472,10 @@ def scaled_positions(kernel: MomentumKernel, windows: Sequence[Window]) -> Work[
     _, meaning = yield from refined(motion, likely, np.arange(own.numbers) == own.numbers - 1)
     if np.mean(motion.residuals([meaning]) ** 2) > motion.goal * max(1.0, meaning.scale**2):
         return []
-    nearest = min(_UNITS, key=lambda unit: abs(np.log(meaning.scale / unit)))
-    # Noise makes the first estimates of a scale too small: they are good for a unit alone.
+    # Noise makes the first estimates of a scale too small: they are good for a unit alone, and for no smaller one.
     long = len(windows) >= _FEWEST_FOR_SCALE
+    units = [unit for unit in _UNITS if np.log(meaning.scale / unit) < _SAME_UNIT] or _UNITS
+    nearest = min(units, key=lambda unit: abs(np.log(meaning.scale / unit)))
     named = abs(np.log(meaning.scale / nearest)) < (_SAME_UNIT if long else _ROUGHLY)
     scale = nearest if named else meaning.scale
     if scale == 1.0 or not (long or (named and abs(np.log(scale)) > _FAR)):

@@ -176,6 +176,12 @@ def test_a_length_scale_is_named_by_its_unit_or_size(times: float, said: str, un
     assert found.repair.conversion.scale * times == pytest.approx(1.0, rel=0.2)
 
 
+def test_few_windows_name_no_unit_smaller_than_the_scale() -> None:
+    """Noise makes the first scales too small: what looks like 1.55 cm may be an inch."""
+    read = poses_read(lambda rotation, position: (rotation, position / 0.0155))
+    assert returned(scaled_positions(kernel('servicer7'), read[:26])) == []
+
+
 def test_metres_are_no_other_unit() -> None:
     assert returned(scaled_positions(kernel('servicer7'), windows())) == []
 
