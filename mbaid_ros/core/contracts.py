@@ -26,6 +26,7 @@ Axes = Literal['none', 'inertial', 'inertial on the base', 'body']
 # Part of the misfit that a convention may leave to be tried, and that another target link or other axes may: a body
 # that slips in the grasp resembles another link, but less well.
 LEFT, RIGHT = 0.8, 0.2
+_LESS = 1.0 - 1e-9  # of two causes that a number belongs to alike, it is not of the one that follows the other
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +122,8 @@ class Unknown:
 
     factor: Array  # (k, e) of the prior covariance factor factor^T
     labels: tuple[str, ...]  # k, the cause of each number in the error budget
+    # labels of numbers that contain those of others, as of a joint that follows another
+    led: tuple[str, ...] = field(default=(), kw_only=True)
 
     # By the kind of its labels.
     words: ClassVar[Mapping[str, Words]] = {}
@@ -153,6 +156,7 @@ class Unknown:
         """Of each independent number, the label it has most to do with."""
         size = np.sqrt(np.sum(self.factor**2, axis=1, keepdims=True))
         relative = np.abs(self.factor) / np.where(size > 0.0, size, 1.0)
+        relative[[label in self.led for label in self.labels]] *= _LESS
         return tuple(self.labels[row] for row in np.argmax(relative, axis=0)) if self.count else ()
 
     @cached_property
@@ -495,7 +499,7 @@ class Stack:
         if nominal.delay != 0.0 or nominal.lags.any():
             middle = with_joints_later(middle, nominal.delay, nominal.lags, self.windows[0].spacing)
         if nominal.gears.any():
-            middle = with_gears(middle, nominal.gears)
+            middle = with_gears(middle, nominal.gears, nominal.kernel.model.transmission)
         if nominal.zeros.any():
             middle = replace(middle, joint_position=middle.joint_position + nominal.zeros)
         first, last, _ = self.windows[0].inside.indices(len(middle))

@@ -12,6 +12,7 @@ import numpy as np
 
 from mbaid_ros.core.geometry import Array, Flags, Integers, cross, crossed, exp, log, mounted_base, skew
 from mbaid_ros.core.robot.momentum import THRUSTER_ERRORS, BodyStates, about_points
+from mbaid_ros.core.robot.urdf import Transmission
 from mbaid_ros.core.samples import (
     ArrayRecord,
     Samples,
@@ -299,11 +300,19 @@ def with_joints_later(middle: Midpoints, late: float, lags: Array, spacing: floa
     )
 
 
-def with_gears(middle: Midpoints, gears: Array) -> Midpoints:
-    """Return the joints' motion where each deviates from its reading by its own angle; (n, 3) as of `NominalModel`."""
+def with_gears(middle: Midpoints, gears: Array, transmission: Transmission) -> Midpoints:
+    """Return the joints' motion where each deviates from its reading by its own angle; (n, 3) as of `NominalModel`.
+
+    Joints that follow others deviate with these as well.
+    """
     position, rate = middle.joint_position, middle.joint_velocity
     by_sine, by_cosine, by_angle = gears.T
     sine, cosine = np.sin(position), np.cos(position)
+    if not transmission.direct:
+        off = by_sine * sine + by_cosine * cosine + by_angle * position
+        faster = rate * (by_sine * cosine - by_cosine * sine + by_angle)
+        off, faster = (each @ transmission.errors.T for each in (off, faster))
+        return replace(middle, joint_position=position + off, joint_velocity=rate + faster)
     return replace(
         middle,
         joint_position=position + by_sine * sine + by_cosine * cosine + by_angle * position,

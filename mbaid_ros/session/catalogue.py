@@ -230,8 +230,8 @@ def suspects(kernel: MomentumKernel, sensors: Sequence[NamedSensor] = ()) -> tup
         position_late(1e-4),
         twist_bias(1e-5, 0.0),
         twist_bias(0.0, 1e-4),
-        suspected_gears(model.joint_names),
-        joint_lags(model.joint_names, [SUSPECTED_LAG] * model.joints),
+        suspected_gears(model),
+        joint_lags(model.joint_names, [SUSPECTED_LAG] * model.joints, model.transmission),
         *((poses_beside_others(1e-4, 1e-6),) if sensors else ()),
         *(drifting_gyro(sensor.name, 1e-7) for sensor in sensors if isinstance(sensor, GyroSensor)),
         *(

@@ -105,7 +105,7 @@ class CalibratedModel:
         doubted = kernel.with_errors(KnownErrors(bodies, diagonal(of_bodies)))
         robot = uncertain(
             known_bodies(doubted.model, doubted.errors, unknown=[link.name for link in kernel.unknown]),
-            joint_placements(doubted, zeros.tolist(), origins.tolist(), axes.tolist()),
+            joint_placements(doubted, zeros.tolist(), origins.tolist(), axes.tolist(), independent=True),
         )
         of_odometry = uncertain(odometry_mount(float(position), float(orientation)))
         others = [each for each in declared if not each.calibrated]

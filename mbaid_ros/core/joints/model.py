@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -17,6 +17,7 @@ from mbaid_ros.core.repair import Repair, Setting, numbers, widened, wider_prior
 from mbaid_ros.core.results.estimate import with_band
 from mbaid_ros.core.robot.model import Configuration, Kinematics, PlaneDetector, RobotModel
 from mbaid_ros.core.robot.momentum import BodyStates, MomentumKernel, inertia_matrix, sensitivity_to_joints
+from mbaid_ros.core.robot.urdf import Transmission
 from mbaid_ros.core.samples import ArrayRecord
 from mbaid_ros.core.state import BODY, Layout, Variables
 from mbaid_ros.core.swing import of_swing, passive_momenta
@@ -174,13 +175,38 @@ class JointPlacements(Unknown):
 
 
 def joint_placements(
-    kernel: MomentumKernel, zeros: Sequence[float], origins: Sequence[float], axes: Sequence[float]
+    kernel: MomentumKernel,
+    zeros: Sequence[float],
+    origins: Sequence[float],
+    axes: Sequence[float],
+    *,
+    independent: bool = False,
 ) -> JointPlacements:
-    """Return the placements as an unknown; (n,) standard deviations: rad (m for a prismatic one), m, rad; 0: exact."""
+    """Return the placements as an unknown; (n,) standard deviations: rad (m for a prismatic one), m, rad; 0: exact.
+
+    A joint that follows another is off by that one's zero, too, beside its own; not where `independent`: then each
+    number is all by which its joint is off.
+    """
     factor = diagonal(np.column_stack((zeros, *(origins,) * 3, *(axes,) * 2)).ravel())
     parts = ('zero', *('origin',) * 3, *('axis',) * 2)
     labels = tuple(f'{part}:{name}' for name in kernel.model.joint_names for part in parts)
-    return JointPlacements(factor, labels, Kinematics(kernel.model).across)
+    placements = JointPlacements(factor, labels, Kinematics(kernel.model).across)
+    moved = kernel.model.transmission
+    return placements if independent else _with_leaders(placements, moved, moved.multiplier)
+
+
+U = TypeVar('U', bound=Unknown)
+
+
+def _with_leaders(unknown: U, moved: Transmission, gains: Array) -> U:
+    """Return an unknown whose first number of each joint contains so many times (n,) that of the joint it follows."""
+    if moved.direct:
+        return unknown
+    followers = list(moved.followers)
+    first = np.arange(0, len(unknown.labels), len(unknown.labels) // len(gains))
+    factor = unknown.factor.copy()
+    factor[first[followers]] += gains[followers, None] * factor[first[moved.leaders[followers]]]
+    return replace(unknown, factor=factor, led=tuple(unknown.labels[row] for row in first[followers].tolist()))
 
 
 def momentum_displaced(kernel: MomentumKernel, states: BodyStates, displacement: Array) -> Array:
@@ -256,11 +282,17 @@ class JointTracking(Linear):
         return self
 
 
-def joint_tracking(names: Sequence[str], deviations: Sequence[float], times: Sequence[float]) -> JointTracking:
-    """Return it as an unknown of n joints: stationary standard deviations, rad or m; time constants, s; empty: none."""
+def joint_tracking(
+    names: Sequence[str], deviations: Sequence[float], times: Sequence[float], moved: Transmission | None = None
+) -> JointTracking:
+    """Return it as an unknown of n joints: stationary standard deviations, rad or m; time constants, s; empty: none.
+
+    `moved` is which joints follow others.
+    """
     each = np.asarray(deviations if len(deviations) else np.zeros(len(names)), dtype=float)
     correlation = np.asarray(times if len(times) else np.ones(len(names)), dtype=float)[each > 0.0]
-    return JointTracking(diagonal(each), tuple(f'{TRACKING}:{name}' for name in names), correlation)
+    tracking = JointTracking(diagonal(each), tuple(f'{TRACKING}:{name}' for name in names), correlation)
+    return tracking if moved is None else _with_leaders(tracking, moved, moved.multiplier)
 
 
 def tracking_repair(name: str, size: float, kernel: MomentumKernel) -> Repair:
@@ -280,6 +312,8 @@ class GearedJoints(Unknown):
 
     The first two in rad (m), the third relative.
     """
+
+    moved: Transmission | None = None  # which joints follow others; None: none does
 
     words: ClassVar = {
         GEARED: Words(
@@ -310,7 +344,7 @@ class GearedJoints(Unknown):
         return Repair(text, wider, None, numbers(value), numbers(std), '')
 
     def deflections(self, position: Array, rate: Array, acceleration: Array) -> tuple[Array, Array]:
-        """Return the contribution of each number to the position of its own joint, and to its rate."""
+        """Return what each number adds to the position of its joint and of those that follow it, and to the rate."""
         del acceleration
         sine, cosine = np.sin(position), np.cos(position)
         joints = np.eye(position.shape[1])[:, :, None]
@@ -318,7 +352,9 @@ class GearedJoints(Unknown):
             (joints * np.stack(part, axis=-1)[:, :, None, :]).reshape(*position.shape, -1)
             for part in ((sine, cosine, position), (cosine * rate, -sine * rate, rate))
         )
-        return places, rates
+        if self.moved is None or self.moved.direct:
+            return places, rates
+        return self.moved.errors @ places, self.moved.errors @ rates
 
     def applied_to(self, nominal: NominalModel, value: Array) -> NominalModel:
         """Return the nominal model with these gears."""
@@ -334,16 +370,18 @@ def _once_a_turn(value: Array) -> str:
     return f'{1e3 * np.linalg.norm(value[:2]):.2g} mrad (mm) once a turn'
 
 
-def geared_joints(names: Sequence[str], turns: Sequence[float], scales: Sequence[float]) -> GearedJoints:
-    """Return them as unknowns of standard deviations, rad and relative, each; 0: none."""
+def geared_joints(
+    names: Sequence[str], turns: Sequence[float], scales: Sequence[float], moved: Transmission | None = None
+) -> GearedJoints:
+    """Return them as unknowns of standard deviations, rad and relative, each; 0: none. `moved`: which follow others."""
     labels = tuple(f'{GEARED}:{name}' for name in names for _ in range(3))
-    return GearedJoints(diagonal(np.column_stack((turns, turns, scales)).ravel()), labels)
+    return GearedJoints(diagonal(np.column_stack((turns, turns, scales)).ravel()), labels, moved)
 
 
-def suspected_gears(names: Sequence[str]) -> GearedJoints:
+def suspected_gears(model: RobotModel) -> GearedJoints:
     """Return them as nearly exact."""
-    nearly = [_GEARED_STD] * len(names)
-    return geared_joints(names, nearly, nearly)
+    nearly = [_GEARED_STD] * model.joints
+    return geared_joints(model.joint_names, nearly, nearly, model.transmission)
 
 
 @dataclass(frozen=True, eq=False)
@@ -399,9 +437,10 @@ class JointLags(Unknown):
         return self
 
 
-def joint_lags(names: Sequence[str], deviations: Sequence[float]) -> JointLags:
-    """Return them as unknowns of standard deviations, s, each; 0: none."""
-    return JointLags(diagonal(deviations), tuple(f'{LAG}:{name}' for name in names))
+def joint_lags(names: Sequence[str], deviations: Sequence[float], moved: Transmission | None = None) -> JointLags:
+    """Return them as unknowns of standard deviations, s, each; 0: none. `moved`: which joints follow others."""
+    lags = JointLags(diagonal(deviations), tuple(f'{LAG}:{name}' for name in names))
+    return lags if moved is None else _with_leaders(lags, moved, np.ones(len(names)))
 
 
 def by_deflections(
@@ -602,7 +641,8 @@ def declared_tracking(config: KnownJointsConfig, model: RobotModel) -> JointTrac
     Raises ParameterError: A name is not that of a joint.
     """
     deviations = joint_values(config, 'tracking_std', model)
-    return joint_tracking(model.joint_names, deviations, (_TRACKING_TIME,) * len(deviations))
+    times = (_TRACKING_TIME,) * len(deviations)
+    return joint_tracking(model.joint_names, deviations, times, model.transmission)
 
 
 def declared_gears(config: KnownJointsConfig, model: RobotModel) -> GearedJoints:
@@ -611,7 +651,7 @@ def declared_gears(config: KnownJointsConfig, model: RobotModel) -> GearedJoints
     Raises ParameterError: As of `joint_values`.
     """
     turns, scales = (joint_values(config, name, model) for name in ('turn_std', 'scale_std'))
-    return geared_joints(model.joint_names, turns, scales)
+    return geared_joints(model.joint_names, turns, scales, model.transmission)
 
 
 def declared_lags(config: KnownJointsConfig, model: RobotModel) -> JointLags:
@@ -619,7 +659,7 @@ def declared_lags(config: KnownJointsConfig, model: RobotModel) -> JointLags:
 
     Raises ParameterError: A name is not that of a joint.
     """
-    return joint_lags(model.joint_names, joint_values(config, 'lag_std', model))
+    return joint_lags(model.joint_names, joint_values(config, 'lag_std', model), model.transmission)
 
 
 def joint_values(config: KnownJointsConfig, part: str, model: RobotModel) -> tuple[float, ...]:

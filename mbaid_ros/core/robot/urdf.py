@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, NoReturn
 from xml.etree import ElementTree as ET
 
@@ -312,6 +313,18 @@ class Transmission:
         """Indices of the joints that mimic others."""
         return tuple(np.setdiff1d(np.arange(len(self.driver)), self.independent).tolist())
 
+    @property
+    def leaders(self) -> npt.NDArray[np.intp]:
+        """Index (n,) of the independent joint that moves each joint: of an independent one its own."""
+        return np.asarray(self.independent[self.driver])
+
+    @cached_property
+    def errors(self) -> Array:
+        """How much each joint (row) is off by an error of each (column), (n, n): followers with their leaders."""
+        found = np.eye(len(self.driver))
+        found[np.arange(len(self.driver)), self.leaders] = self.multiplier
+        return found
+
     def positions(self, values: Array) -> Array:
         """Return the positions (..., n) of all joints at those (..., k) of the independent ones."""
         return values if self.direct else values[..., self.driver] * self.multiplier + self.offset
@@ -323,7 +336,7 @@ class Transmission:
         """
         if self.direct:
             return np.asarray(deviation * columns)
-        leaders = self.independent[self.driver]
+        leaders = self.leaders
         follow = np.zeros((len(leaders), len(leaders)))
         follow[np.arange(len(leaders)), leaders] = self.multiplier
         return np.asarray((deviation[..., leaders if deviation.shape[-1] > 1 else [0]] * columns) @ follow)

@@ -8,19 +8,22 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from checked import assert_derivative, generic, some
+from checked import assert_derivative, central_difference, generic, some
 from declarations import exact_but
 from floating import float_freely, make, normalised
-from mbaid_ros.core.contracts import deviation_text
+from mbaid_ros.core.contracts import NominalModel, Unknown, deviation_text
 from mbaid_ros.core.filter.time_update import _gauss_markov_step
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.joints.model import geared_joints, joint_lags, joint_placements, joint_tracking
 from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.state import BODY, Layout, Variables
+from mbaid_ros.core.windows import Midpoints, with_gears
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, observe, windows
+from random_robots import two_links
 from windowed import residuals, window_model, window_of
 
 SPACING, STEP = 0.05, 0.01  # s
@@ -67,6 +70,68 @@ def test_a_gear_moves_its_joint_at_the_rate_of_its_deflection() -> None:
         return unknown.deflections(angle + time * rate, rate, 0.0 * rate)[0][0]
 
     assert_derivative(rates[0][..., None], deflected, np.zeros(1))
+
+
+GAIN, OFFSET = -2.0, 0.1  # of j1, which follows j2 though it is nearer to the base
+FOLLOWS = MomentumKernel(
+    load_model(
+        two_links(f'type="revolute"><mimic joint="j2" multiplier="{GAIN}" offset="{OFFSET}"/', 'type="revolute"')
+    ),
+    'link2',
+)
+
+
+@pytest.mark.parametrize('kind', ['zero', 'tracking'])
+def test_an_error_of_a_leader_moves_its_followers(kind: str) -> None:
+    """By zero or tracking, which are causes of the leader alone; the follower's own moves no other joint."""
+    model, size = FOLLOWS.model, 1e-3
+    deviations, none = [0.0, size], [0.0, 0.0]
+    both: list[Unknown] = [
+        joint_placements(FOLLOWS, sizes, none, none)
+        if kind == 'zero'
+        else joint_tracking(model.joint_names, sizes, [TIME] * 2, model.transmission)
+        for sizes in (deviations, [size, size])
+    ]
+    turn, read, rate, twist = exp(generic(1, 3, 3)), generic(2, 3, 1), generic(3, 3, 1), generic(4, 3, 6)
+    moved = model.transmission
+
+    def momentum(error: Array) -> Array:
+        """Return the momentum where readings of the leader have the second error, and its follower the first beside."""
+        places = moved.positions(read + error[1]) + np.array([error[0], 0.0])
+        every = FOLLOWS.states_of(turn, places, moved.rates(rate), twist)
+        return every.known_momentum
+
+    expected = central_difference(momentum, np.zeros(2), 1e-5)
+    states = FOLLOWS.states_of(turn, moved.positions(read), moved.rates(rate), twist)
+    for unknown in both:
+        columns = some(unknown.momentum_columns(FOLLOWS, states)) @ unknown.factor
+        assert columns == pytest.approx(size * expected[..., -unknown.count :], abs=1e-9)
+    assert both[0].causes == (f'{kind}:j2',)
+    assert both[1].causes == (f'{kind}:j1', f'{kind}:j2')
+    if kind == 'zero':
+        nominal = both[0].applied_to(NominalModel.nominal(FOLLOWS), both[0].factor @ [1.0])
+        assert nominal.zeros == pytest.approx([GAIN * size, size])
+
+
+def test_a_follower_is_as_late_as_its_leader_and_deviates_with_it() -> None:
+    """A gear of the leader moves its follower, by the leader's angle, also where windows are linearised at it."""
+    moved, names = FOLLOWS.model.transmission, FOLLOWS.model.joint_names
+    read, rate = generic(2, 3, 1), generic(3, 3, 1)
+    position, rates = moved.positions(read), moved.rates(rate)
+    lags = joint_lags(names, [0.0, 0.02], moved)
+    assert lags.causes == ('lag:j2',)
+    places, _ = lags.deflections(position, rates, rates)
+    assert (places @ lags.factor)[..., 0] == pytest.approx(0.02 * rates)
+    gears = geared_joints(names, [0.0, SIZE], [0.0, SIZE], moved)
+    numbers = gears.factor @ [1.0, -0.5, 0.3]
+    places, faster = gears.deflections(position, rates, rates)
+    off = numbers[3] * np.sin(read) + numbers[4] * np.cos(read) + numbers[5] * read
+    assert places @ numbers == pytest.approx(off * [GAIN, 1.0])
+    knots = np.zeros((3, 0))
+    here = Midpoints(position, rates, *(knots,) * 6)
+    then = with_gears(here, numbers.reshape(-1, 3), moved)
+    assert then.joint_position == pytest.approx(moved.positions(read + off))
+    assert then.joint_velocity == pytest.approx(rates + faster @ numbers)
 
 
 LATE = 0.03  # s
