@@ -7,7 +7,9 @@ import pinocchio
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.robot.model import RobotModel, configurations, parse
+from mbaid_ros.core.robot.momentum import Storage
 
+_STILL, _NONE, _NOTHING = np.zeros(3), np.zeros(0), Storage()
 _ORDER = [0, 1, 2, 3, 4, 5, 7, 6, 8, 9]  # of standard parameters, as pinocchio has them
 
 
@@ -17,14 +19,18 @@ class JointEfforts:
     Parameters
     ----------
     bodies : (n + 1, 10) standard parameters of its bodies, each in its own frame
+    storage, stored : momentum inside these bodies; its readings (c,), which stay constant
 
     Attributes
     ----------
     limits : (k,) of the joints that follow no other, N m or N; infinite where the URDF has none
     """
 
-    def __init__(self, model: RobotModel, bodies: Array) -> None:
+    def __init__(self, model: RobotModel, bodies: Array, storage: Storage = _NOTHING, stored: Array = _NONE) -> None:
         self._model = model
+        self._spinning: dict[int, Array] = {}  # by pinocchio's index of a body, N m s in its axes
+        for body, momentum in zip(storage.bodies, storage.axes * (storage.inertias * stored)[:, None], strict=True):
+            self._spinning[body + 1] = self._spinning.get(body + 1, 0.0) + momentum
         self._parsed = parse(model)
         for place, body in enumerate(bodies, start=1):
             # Of a body without mass that would divide by zero.
@@ -70,11 +76,24 @@ class JointEfforts:
         velocity, change = np.hstack((twist, rate)), np.hstack((still, acceleration))
         needed, inertia = np.empty((len(position), size)), np.empty((len(position), 6, size))
         for place in range(len(position)):
-            needed[place] = pinocchio.rnea(parsed, data, configuration[place], velocity[place], change[place])
+            motion = configuration[place], velocity[place]
+            if self._spinning:
+                needed[place] = pinocchio.rnea(parsed, data, *motion, change[place], self._gyroscopic(*motion))
+            else:
+                needed[place] = pinocchio.rnea(parsed, data, *motion, change[place])
             inertia[place] = pinocchio.crba(parsed, data, configuration[place])[:6]
         # Nothing pushes the base: it accelerates so that its own six rows vanish.
         of_base = np.linalg.solve(_symmetric(inertia[:, :, :6]), -needed[:, :6, None])
         return np.asarray(needed[:, 6:] + (np.swapaxes(inertia[:, :, 6:], 1, 2) @ of_base)[..., 0])
+
+    def _gyroscopic(self, configuration: Array, velocity: Array) -> pinocchio.StdVec_Force:
+        """Return what stored momentum h exerts on the bodies that turn it with w, -w x h, in their axes."""
+        pinocchio.forwardKinematics(self._parsed, self._data, configuration, velocity)
+        forces = pinocchio.StdVec_Force()
+        for place, twist in enumerate(self._data.v):
+            torque = -np.cross(twist.angular, self._spinning.get(place, _STILL))
+            forces.append(pinocchio.Force(_STILL, torque))
+        return forces
 
 
 def _symmetric(upper: Array) -> Array:

@@ -238,4 +238,5 @@ class Planner:
 def _efforts(posterior: Posterior) -> JointEfforts:
     """Return the efforts of the robot as it is known best."""
     point, model = posterior.point, posterior.layout.kernel.model
-    return JointEfforts(model, point.nominal.kernel.body_parameters(point.body))
+    kernel = point.nominal.kernel
+    return JointEfforts(model, kernel.body_parameters(point.body), kernel.storage, posterior.end.stored)

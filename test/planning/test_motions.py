@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from checked import generic
 from mbaid_ros.core.robot.model import RobotModel, load_model
-from mbaid_ros.core.robot.momentum import MomentumKernel
+from mbaid_ros.core.robot.momentum import MomentumKernel, Storage
 from mbaid_ros.core.robot.urdf import replace_inertial
 from mbaid_ros.errors import DataError, ParameterError
 from mbaid_ros.joint_trajectory import JointTrajectory
@@ -18,6 +19,7 @@ from mbaid_ros.session.robot import mesh_points
 from mbaid_ros.simulation.dynamics import Dynamics, State
 from mbaid_ros.simulation.steered import TrajectoryMotion
 from planned import Begun, planner
+from random_robots import two_links
 from servicers import wheeled_urdf
 from simulated import robot
 
@@ -238,6 +240,20 @@ def test_torques_are_those_that_drive_the_simulated_robot_with_the_estimated_bod
     for index, torque in enumerate(found):
         state = State(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), place[index], np.append(twist[index], rate[index]))
         assert torque == pytest.approx(driven.torque(state, bend[index]), rel=1e-9, abs=1e-9)
+
+
+def test_stored_momentum_asks_torques_of_the_joints_that_turn_it() -> None:
+    """As a wheel that turns at a constant speed does, which is a joint of the same robot."""
+    model = load_model(two_links('type="revolute"', 'type="continuous"').replace('0 0 1', '0 1 0', 1))
+    bodies, speed = model.body_parameters(), 300.0  # rad/s, of 1 kg m^2
+    place, rate, bend, twist = generic(0, 5, 2), generic(1, 5, 2), generic(2, 5, 2), generic(3, 5, 6)
+    rate[:, 1] = bend[:, 1] = 0.0
+    parts = Storage((1, 1), np.array([[0.0, 0.0, 1.0]] * 2), np.array([0.25, 0.75]), np.zeros(2))
+    found = JointEfforts(model, bodies, parts, np.full(2, speed)).torques(place, rate, bend, twist)
+    wheel = JointEfforts(model, bodies).torques(place, rate + np.array([0.0, speed]), bend, twist)
+    resting = JointEfforts(model, bodies).torques(place, rate, bend, twist)
+    assert found[:, 0] == pytest.approx(wheel[:, 0])
+    assert np.all(np.abs(found - resting)[:, 0] > 1.0)
 
 
 def test_a_link_without_mass_leaves_the_limits_of_all_others() -> None:
