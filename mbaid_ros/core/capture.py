@@ -32,6 +32,10 @@ SLIPPED = (
     'grasp (set capture.settling), or target.frame, joints or poses are wrong'
 )
 NO_ROBOT = 'the motion of the tracked target does not count: no window of the robot before the capture is usable'
+DISTURBED = (
+    'the momentum that the captured body had is not published: from {:.1f} s on an external force (see events) changes '
+    'the total momentum, and no estimate is from before; repeat the capture without the force'
+)
 _SLACK = 1e-9  # s, by which times of stamps in nanoseconds may differ as numbers
 _REMEMBERED = 200  # estimates, in which an event that is found late has to lie: those before are final
 _GOES_ON = 3.0  # s after the body has settled, in which poses that go on show how it is held
@@ -276,11 +280,11 @@ class CaptureEstimator:
             later = []
         if later and not self._begun:
             self._begin(later, origin)
-        found = self._method.update(later, origin) if later else []
-        for each in found:
+        doubts = (*self._notes, *self._doubts())
+        for each in self._method.update(later, origin) if later else []:
             self._remember(each)
-        doubts = notes((*self._notes, *self._doubts()))
-        return [*made, *(with_reasons(each, doubts) for each in found)]
+            made.append(with_reasons(each, notes((*doubts, *self._withheld()))))
+        return made
 
     def restart_at(self, time: float) -> None:
         """Move the capture to a later time (s) and begin the method anew."""
@@ -434,6 +438,12 @@ class CaptureEstimator:
             return None
         undisturbed = [each for each in self._estimates if each.time <= _first_event(self._estimates[-1])]
         return undisturbed[-1] if undisturbed else self._earlier
+
+    def _withheld(self) -> tuple[str, ...]:
+        """Return why the momentum of the captured body is not published, where what acts from outside is in it."""
+        if self._undisturbed_estimate() is not None or not self._estimates:
+            return ()
+        return (DISTURBED.format(_first_event(self._estimates[-1])),)
 
     def _note_target_pose(self, window: Samples, time: float) -> None:
         """Note the pose of the target link in the sample nearest to the capture."""

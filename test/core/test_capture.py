@@ -16,7 +16,7 @@ from scipy.stats import chi2
 import recorded
 from benchmarks.precapture import BARE_LINK7, free_model, free_urdf
 from checked import answer, central_difference, generic, same, some
-from mbaid_ros.core.capture import BEFORE, CaptureEstimator, KnownMomentum
+from mbaid_ros.core.capture import BEFORE, DISTURBED, CaptureEstimator, KnownMomentum
 from mbaid_ros.core.geometry import Array, cross, exp
 from mbaid_ros.core.odometry.model import odometry_mount
 from mbaid_ros.core.results.estimate import Estimate, Event
@@ -184,6 +184,20 @@ def test_the_body_brought_what_was_there_before_an_event(
         found = made._undisturbed_estimate()
         brought = np.nan if found is None else found.momentum[0]
         assert brought == pytest.approx(30.0 if time <= since else momentum, nan_ok=True)
+
+
+def test_momentum_that_a_force_takes_part_in_is_withheld_with_the_reason() -> None:
+    """In every estimate, however windows are cut into calls, as soon as the force is found."""
+    pushed = Event(0.0, 'ramp', np.ones(3), np.zeros(3), 'a push')
+    last = pieces()[-3:]
+    texts = []
+    for calls in ([last], [[each] for each in last]):
+        made: Any = announced()
+        estimates = iter([Estimate('trajectory', 'converged', 11.0 + n, events=(pushed,) * (n > 0)) for n in range(3)])
+        made._method.update = lambda windows, _, left=estimates: [next(left) for _ in windows]
+        texts.append([estimate.warnings for call in calls for estimate in made.update(call, 0)])
+        assert np.isnan(some(made.capture(None)).momentum).all()
+    assert texts == [[(), *((DISTURBED.format(0.0),),) * 2]] * 2
 
 
 def test_nothing_is_taken_for_a_capture_that_is_none() -> None:
