@@ -39,6 +39,7 @@ DISTURBED = (
 _SLACK = 1e-9  # s, by which times of stamps in nanoseconds may differ as numbers
 _REMEMBERED = 200  # estimates, in which an event that is found late has to lie: those before are final
 _GOES_ON = 3.0  # s after the body has settled, in which poses that go on show how it is held
+_LATE = 1.0  # s by which these may come later than the windows: a replay has them sooner
 _APART = 0.03  # rad, m: what joints, mount and camera may miss together, when a given target.frame is compared
 _JUMP = 60.0  # chi-square of six numbers, which chance exceeds once in 1e10 windows
 
@@ -56,8 +57,8 @@ class CaptureConfig:
     """Interpret a jump of the momentum as the capture, once pre_capture has lasted five seconds."""
     settling: float = parameter(0.0, 's', minimum=0.0)
     """Time after the capture in which the body may slip in the grasp; of a target tracked before (target_pose), the
-    velocity of its centre of mass alone counts then, unless target.frame or poses in the 3 s after it, for which
-    estimates wait, show how it is held."""
+    velocity of its centre of mass alone counts then, unless target.frame or poses in the 3 s after it show how it is
+    held. Estimates wait for these until 4 s after it."""
 
 
 @dataclass(frozen=True)
@@ -301,7 +302,7 @@ class CaptureEstimator:
         """
         if self.time is None or self._settling == 0.0 or not self._track or self._track.frame is not None:
             return False
-        return float(later[-1].time[-1]) < self.time + self._settling + _GOES_ON
+        return float(later[-1].time[-1]) < self.time + self._settling + _GOES_ON + _LATE
 
     def _begin(self, later: list[Samples], origin: int) -> None:
         """Begin the method anew where the target was tracked before the capture; origin: ns, at time 0."""
@@ -322,9 +323,10 @@ class CaptureEstimator:
         frame = self._track.frame
         if frame is None and self._settling > 0.0:
             settled = self.time + self._settling
-            # The same windows however they are cut into calls.
+            # The same windows and poses however they are cut into calls.
             seen = [window for window in later if window.time[0] < settled + _GOES_ON]
-            frame = self._track.frame_in_hand(self.kernel, seen, origin, settled, flight.noise)
+            part = settled, min(float(seen[-1].time[-1]), settled + _GOES_ON)
+            frame = self._track.frame_in_hand(self.kernel, seen, origin, part, flight.noise)
         self._tracked = TargetAtCapture(
             self.time,
             flight,

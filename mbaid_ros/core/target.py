@@ -438,10 +438,15 @@ class TargetTrack:
         return flight, notes
 
     def frame_in_hand(
-        self, kernel: MomentumKernel, windows: Sequence[Samples], origin: int, since: float, noise: PoseNoise
+        self,
+        kernel: MomentumKernel,
+        windows: Sequence[Samples],
+        origin: int,
+        times: tuple[float, float],
+        noise: PoseNoise,
     ) -> GraspedFrame | None:
-        """Return the tracked frame in that of the target link, by poses in windows since a time, s; None of few."""
-        track, _ = self._located(kernel, windows, origin, (since, float(windows[-1].time[-1])))
+        """Return the tracked frame in that of the target link, by poses between two times, s; None of few."""
+        track, _ = self._located(kernel, windows, origin, times)
         seen = [_frame_at(kernel, windows, float(time), kernel.target) for time in track.time]
         pairs = [
             (link[0].T @ rotation, link[0].T @ (position - link[1]))

@@ -307,18 +307,22 @@ def test_poses_that_go_on_place_the_frame_in_the_hand() -> None:
     seen = exp(tilt) @ (rotation @ turn)
     given = TargetPoses(time, position + rotation @ place + away, quaternion_from_rotation(seen))
     white, slow = PoseNoise(5e-3, 5e-3), PoseNoise(5e-3, 1e-2, (1.0, 1.0))
-    found = some(track_of(given).frame_in_hand(robot, windows, 0, 4.0, white))
+    found = some(track_of(given).frame_in_hand(robot, windows, 0, (4.0, 10.0), white))
     std = np.sqrt(np.diag(some(found.factor) @ some(found.factor).T))
     assert std == pytest.approx(np.full(6, 5e-3 / np.sqrt(len(time))), rel=0.3)
     assert np.all(np.abs(log(found.rotation @ turn.T)) < 4.0 * std[:3])
     assert np.all(np.abs(found.position - place) < 4.0 * std[3:])
-    factor = some(some(track_of(given).frame_in_hand(robot, windows, 0, 4.0, slow)).factor)
+    factor = some(some(track_of(given).frame_in_hand(robot, windows, 0, (4.0, 10.0), slow)).factor)
     fewer = (1.0 - np.exp(-0.1)) / (1.0 + np.exp(-0.1))  # of errors that follow each other in a tenth of their time
     assert np.diag(factor)[:3] == pytest.approx(1e-2 / np.sqrt(fewer * len(time)))
     assert np.diag(factor)[3:] == pytest.approx(
         np.maximum(std[3:] * np.sqrt(len(time)), 5e-3) / np.sqrt(fewer * len(time))
     )
-    assert track_of(given).frame_in_hand(robot, windows, 0, 9.5, white) is None  # too few
+    assert track_of(given).frame_in_hand(robot, windows, 0, (9.5, 10.0), white) is None  # too few
+    # Poses after that, which a replay has already, do not count.
+    sooner = replace(given, time=time[:30], position=given.position[:30], orientation=given.orientation[:30])
+    both = [some(track_of(each).frame_in_hand(robot, windows, 0, (4.0, time[29]), white)) for each in (given, sooner)]
+    assert all(np.array_equal(*(getattr(each, name) for each in both)) for name in ('rotation', 'position', 'factor'))
 
 
 def test_a_quaternion_that_is_none_is_refused() -> None:
