@@ -318,7 +318,7 @@ class CandidateCauses:
             repair = Repair(wrong_twist.partition(':')[0], conversion=Conversion(with_twist=False))
             left = [without_twist(window) for window in windows]
             yield Candidate(wrong_twist, passes, left, of_twist=True, repair=repair)
-        for text, others, stretches in stopped_readings(windows, self.layout.kernel.model.joint_names)[:_SPOILT]:
+        for text, others, stretches in stopped_readings(windows, *self._encoders)[:_SPOILT]:
             since, conversion = stretches[0][0], Conversion(left_out=stretches)
             repair = Repair(text.partition(':')[0], conversion=conversion, since=since)
             yield Candidate(text, passes, others, repair=repair)
@@ -525,7 +525,7 @@ class CandidateCauses:
         def best() -> tuple[int, float]:
             return max(filters, key=lambda each: filters[each].gaussian.log_likelihood)
 
-        for joint in range(len(names)):
+        for joint in self.layout.kernel.model.transmission.independent.tolist():
             yield from tried(joint, first)
         likeliest, _ = best()
         if filters[best()].gaussian.log_likelihood > base.log_likelihood:
@@ -537,6 +537,19 @@ class CandidateCauses:
         text = loose_joint_text(names[likeliest], windows, times)
         repair = tracking_repair(names[likeliest], swing_size(windows, times), self.layout.kernel)
         return [replace(candidate_cause(text, filters[best()], base, repair), physical=False)]
+
+    @property
+    def read_joints(self) -> tuple[int, ...]:
+        """Indices of the joints with readings: neither followers of others nor passive ones."""
+        kernel = self.layout.kernel
+        independent = kernel.model.transmission.independent.tolist()
+        return tuple(joint for joint in independent if joint not in kernel.springs.joints)
+
+    @property
+    def _encoders(self) -> tuple[tuple[str, ...], tuple[int, ...]]:
+        """Names and indices of the joints that follow no other."""
+        model = self.layout.kernel.model
+        return model.independent_joints, tuple(model.transmission.independent.tolist())
 
     @property
     def _suspects(self) -> tuple[Unknown, ...]:
@@ -700,4 +713,5 @@ class FaultIsolation:
             gains.setdefault(leading.cause, (lead, leading.physical))
             repairs.setdefault(leading.cause, leading.repair or found.repairs.get(leading.cause))
         latest = self._noise.for_window(self._samples[-1])
-        return ranked(gains, found.innovations, joint_noise_factor(self._samples, latest.joint_position), repairs)
+        noise = joint_noise_factor(self._samples, latest.joint_position, self._candidates.read_joints)
+        return ranked(gains, found.innovations, noise, repairs)

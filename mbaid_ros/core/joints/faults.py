@@ -171,12 +171,17 @@ def without(windows: Sequence[Window], spoilt: Flags) -> list[Window]:
     ]
 
 
-def stopped_readings(windows: Sequence[Window], joints: Sequence[str]) -> list[tuple[str, list[Window], Stretches]]:
+def stopped_readings(
+    windows: Sequence[Window], joints: Sequence[str], read: Sequence[int] | None = None
+) -> list[tuple[str, list[Window], Stretches]]:
     """Return which joint stands still to the bit in some windows while others move, the other windows, and when.
 
-    The joint that stands still longest comes first.
+    The joint that stands still longest comes first. `read` are the indices of those with readings of their own, None
+    of all; `joints` their names.
     """
-    still = np.array([np.ptp(window.knots.joint_position, axis=0) <= _SAME for window in windows])  # False of NaN
+    own = slice(None) if read is None else list(read)
+    moved = [np.ptp(window.knots.joint_position[:, own], axis=0) for window in windows]
+    still = np.array([each <= _SAME for each in moved])  # False of NaN
     rest = still.all(axis=1)  # the robot may be at rest
     still[rest] = False
     still &= ~still[~rest].all(axis=0)  # passive, locked or parked
@@ -219,9 +224,13 @@ def swing_size(windows: Sequence[Window], times: float) -> float:
     return times * float(np.mean([np.max(each.joint_position) / np.sqrt(each.samples) for each in noise]))
 
 
-def joint_noise_factor(windows: Sequence[Samples], declared: float) -> float:
-    """Return how many times as noisy as specified, rad, the joints are by their samples; NaN where not known."""
-    found = [white_noise(window.joint_position, 4) for window in windows if len(window) >= _FEWEST_SAMPLES]
+def joint_noise_factor(windows: Sequence[Samples], declared: float, joints: Sequence[int]) -> float:
+    """Return how many times as noisy as specified, rad, the joints are by their samples; NaN where not known.
+
+    `joints` are the indices of those that are read.
+    """
+    read = list(joints)
+    found = [white_noise(window.joint_position[:, read], 4) for window in windows if len(window) >= _FEWEST_SAMPLES]
     return float(np.median(found)) / declared if np.size(found) else np.nan
 
 

@@ -53,8 +53,17 @@ def samples(noise: float, seed: int) -> Samples:
 
 @pytest.mark.parametrize('noise', [1.0, 10.0])
 def test_samples_tell_how_noisy_joints_are_whatever_moves(noise: float) -> None:
-    found = joint_noise_factor([samples(noise, seed) for seed in range(8)], JOINT)
+    made = [samples(noise, seed) for seed in range(8)]
+    read = range(made[0].joint_position.shape[1])
+    found = joint_noise_factor(made, JOINT, read)
     assert found == pytest.approx(noise, rel=0.15)
+    led = [replace(each, joint_position=each.joint_position @ np.tile(np.eye(len(read)), 4) * 9.0) for each in made]
+    whole = [
+        replace(one, joint_position=np.concatenate((one.joint_position, other.joint_position), axis=1))
+        for one, other in zip(made, led, strict=True)
+    ]  # joints that follow others, with their readings nine times as large
+    assert joint_noise_factor(whole, JOINT, read) == found
+    assert np.isnan(joint_noise_factor(whole, JOINT, ()))
 
 
 def test_a_swing_is_found_beside_a_drift_and_white_noise_has_none() -> None:

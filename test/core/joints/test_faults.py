@@ -83,6 +83,13 @@ def test_a_follower_has_no_readings_to_convert_and_moves_with_its_leader() -> No
     assert list(swapped_joints(follows)) == []
 
 
+def test_a_follower_has_no_encoder_that_stops() -> None:
+    still = np.zeros((5, 3), dtype=bool)
+    still[2, :2] = True  # the first follows the second
+    found = stopped_readings(standing(still), JOINTS[1:], (1, 2))
+    assert [text.split()[3] for text, *_ in found] == [JOINTS[1]]
+
+
 def test_a_followers_noise_is_that_of_its_leader() -> None:
     moved = Transmission(np.array([0]), np.array([0, 0]), np.array([1.0, -2.0]), np.zeros(2), direct=False)
     columns = generic(5, 6, 2)
