@@ -70,7 +70,7 @@ class HypothesisFilter:
         """Return the same as `updated` by a window in which the momentum jumps."""
         jumps, previous = self.jumps, self.gaussian.sharing(before)
         if not self.jump_length:
-            mean = previous.least_squares[: len(variables.scale)]
+            mean = previous.mean_and_shift()[0][: len(variables.scale)]
             earlier = self.previous if len(jumps) < _REMEMBERED else None
             jumps = (*jumps, Jump(window.start, variables.to_state[MOMENTUM] @ mean, earlier, self.force_impulse))
         filtered, length = self.updated(before, after), self.jump_length + 1

@@ -9,7 +9,7 @@ from mbaid_ros.core.filter.gaussian import SquareRootInformation
 from mbaid_ros.core.filter.hypotheses import Bank, HypothesisFilter, joined, update_bank
 from mbaid_ros.core.filter.linearise import WhitenedWindow
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
-from mbaid_ros.core.state import Variables
+from mbaid_ros.core.state import MOMENTUM, Variables
 from mbaid_ros.session.catalogue import hypotheses
 from windowed import joint_window, prepare, variables, window
 
@@ -76,6 +76,17 @@ def test_the_first_hypothesis_joins_the_others() -> None:
     assert_alike(followed(bank, made[AT:], space)[0], alone, space)
     (jumped,) = followed((first,), made[AT : AT + 1], space)
     assert joined((jumped, *rest))[0] is jumped
+
+
+def test_the_momentum_before_a_jump_is_the_one_that_is_published() -> None:
+    """With the correction for shared noise, as that after it."""
+    space = variables(np.random.default_rng(1))
+    made = windows(2, space)
+    (before,) = followed((filtered(0, SquareRootInformation.prior(space, 'none')),), made[:AT], space)
+    (after,) = followed((before,), made[AT : AT + 1], space)
+    expected = MeanAndCovariance.from_gaussian(before.gaussian, space)
+    assert np.abs(expected.shift[MOMENTUM]).max() > 1e-6 * np.abs(expected.mean[MOMENTUM]).max()
+    assert after.jumps[0].before == pytest.approx(expected.mean[MOMENTUM], rel=1e-9)
 
 
 def test_the_first_window_is_no_jump_even_if_it_contradicts_the_prior() -> None:
