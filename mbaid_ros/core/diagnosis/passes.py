@@ -203,14 +203,16 @@ class FilterPasses:
         mean, force = np.split(gaussian.least_squares, [len(own.scale)])
         mean[: own.pose_size] = 0.0
         found = []
-        after_gap = 0.0  # s, before the window that follows
+        momentum = mean[own.pose_size : own.moving]  # a view
         for window, white in reversed(passed):
-            times = 1.0 + after_gap / white.length
+            changes = [white.momentum_change @ mean]
             if hypothesis.force != 'none':
-                mean[own.pose_size : own.moving] -= times * white.force_impulse(hypothesis.force) @ force
-            mean[own.pose_size : own.moving] -= times * white.momentum_change @ mean
+                changes.insert(0, white.force_impulse(hypothesis.force) @ force)
+            for change in changes:
+                momentum -= change
             found.append(white.drift + white.transition @ mean)
-            after_gap = window.gap
+            for change in changes:
+                momentum -= white.over_gap(change, window)
         return np.array(found[::-1])
 
     def gains(self, base: SquareRootInformation, declared: Collection[str]) -> dict[str, tuple[float, float]]:

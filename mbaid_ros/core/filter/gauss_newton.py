@@ -359,9 +359,9 @@ def momentum_drift(
     whites = [white for _, white in windows]
     impulses = _impulses(whites, values, pushing, axes, variables)
     if course is None:
-        gaps = np.array([window.gap for window, _ in windows[1:]])[:, None] / whites[-1].length
         through = impulses.copy()
-        through[:-1] += gaps * impulses[1:]
+        for place, (window, white) in enumerate(windows[1:]):
+            through[place] += white.over_gap(impulses[place + 1], window)
         offsets = -np.cumsum(through[::-1], axis=0)[::-1]
     else:
         momenta = values[:, variables.pose_size : variables.moving]

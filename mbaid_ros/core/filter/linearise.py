@@ -662,8 +662,12 @@ class WhitenedWindow:
         return self.momentum_by_force[_ACTING.index(axes)]
 
     def impulse_in_gap(self, axes: Axes, window: Window) -> Array:
-        """Return the same over the gap before the window, (p, f): on the robot as it is after that."""
-        return window.gap / self.length * self.force_impulse(axes)
+        """Return the same over the gap before the window, (p, f)."""
+        return self.over_gap(self.force_impulse(axes), window)
+
+    def over_gap(self, change: Array, window: Window) -> Array:
+        """Return a change over the window by what acts, as one over the gap before it: on the robot as it is after."""
+        return np.asarray(window.gap / self.length * change)
 
 
 def whitened_windows(windows: WindowModel, variables: Variables) -> list[WhitenedWindow]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,6 +14,7 @@ from checked import generic, returned
 from mbaid_ros.core.contracts import UNDISTURBED, Hypothesis
 from mbaid_ros.core.diagnosis.passes import FilterPasses, estimated_repair
 from mbaid_ros.core.filter.gaussian import SquareRootInformation
+from mbaid_ros.core.filter.linearise import WhitenedWindow
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.odometry.model import odometry_mount, odometry_scale, twist_bias
 from mbaid_ros.core.robot.model import PlaneDetector
@@ -128,26 +130,29 @@ def test_windows_are_predicted_by_the_momentum_at_their_own_time(force: str) -> 
     for push in pushes:
         brought = rng.normal(size=(6, count))
         brought[:, : space.moving] = 0.0  # depends on body and unknowns alone
-        windows.append(
-            SimpleNamespace(
-                transition=rng.normal(size=(6, count)),
-                drift=rng.normal(size=6),
-                momentum_change=brought,
-                force_impulse=lambda axes, push=push: push if axes == 'body' else None,
-                length=0.5,
-            )
+        made: Any = SimpleNamespace(
+            transition=rng.normal(size=(6, count)),
+            drift=rng.normal(size=6),
+            momentum_change=brought,
+            force_impulse=lambda axes, push=push: push if axes == 'body' else None,
+            length=0.5,
         )
+        made.over_gap = partial(WhitenedWindow.over_gap, made)
+        windows.append(made)
     mean, acting = generic(4, count), generic(5, 6)
     after, expected = mean.copy(), []
     after[: space.pose_size] = 0.0
-    for white, gap in zip(windows, (0.0, 0.7, 0.0, 0.0), strict=True):  # s after each, in which all act on
-        expected.append(white.drift + white.transition @ after)
+    gaps = (0.0, 0.0, 0.7, 0.0)  # s before each, in which all act on the robot as it is after that
+    for white, gap in zip(windows, gaps, strict=True):
         push = white.force_impulse('body') @ acting if force == 'body' else 0.0
-        after[own] += (1.0 + gap / 0.5) * (white.momentum_change @ after + push)
+        change = white.momentum_change @ after + push
+        after[own] += gap / 0.5 * change
+        expected.append(white.drift + white.transition @ after)
+        after[own] += change
     gaussian: Any = SimpleNamespace(least_squares=np.concatenate((after, acting if force == 'body' else np.zeros(0))))
     gaussian.least_squares[: space.pose_size] = 7.0  # the pose error is another one in each window
     hypothesis = Hypothesis('pushed', force='body') if force == 'body' else UNDISTURBED
-    before: list[Any] = [SimpleNamespace(gap=gap) for gap in (3.0, 0.0, 0.7, 0.0)]
+    before: list[Any] = [SimpleNamespace(gap=gap) for gap in (3.0, *gaps[1:])]
     found = PASSES.unpredicted([*zip(before, windows, strict=True)], gaussian, hypothesis)
     assert found == pytest.approx(np.array(expected))
 
