@@ -82,6 +82,7 @@ IMU_NOT_FINITE = 'IMU: NaN or infinite value'
 IMU_NOT_REAL = 'IMU: angular velocity beyond anything real'
 IMU_WITHOUT_RATE = 'IMU: the angular velocity is marked as not measured (covariance -1)'
 IMU_BAD_QUATERNION = 'IMU: orientation is no unit quaternion'
+_ALONG = 1.0 - 1e-4  # cosine from which the axes of a link count as the base's: scales about either hardly differ
 _LARGEST = 1e4  # rad/s: no gyro measures as much
 _IMU_DELAY_STD = 5e-3  # s, of stamps that a driver sets on arrival: half a period at 100 Hz
 
@@ -110,8 +111,8 @@ class GyroConfig:
     repeat to the last bit are not used."""
     frame: str = parameter('')
     """Link that carries the IMU and whose axes it measures in: on the base or moved by joints, such as the target; not
-    by a joint of flexible.joints. Empty: the frame_id of the messages, a link on the base; set it for an IMU askew to
-    the base, as scales are about its axes."""
+    by a joint of flexible.joints. Empty: the frame_id of the messages, a link on the base. Where one of these is
+    askew to the base, set it: scales are about its axes, and count about any while it is empty."""
 
 
 @dataclass(frozen=True)
@@ -581,6 +582,7 @@ class GyroSensor:
     axes: Array = field(default_factory=lambda: np.eye(3))  # its own, in those that it is read in
     moved_by: Array = field(default_factory=lambda: np.zeros(0))  # (n,) 1 of each joint that moves this link, else 0
     before: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (n, n) as of the robot's kinematics
+    maybe_askew: bool = False  # whether its axes may be askew to those that it is read in, and nothing says how
 
     of_pose = False
 
@@ -683,11 +685,18 @@ def gyro_sensors(
         link = imu_link(config, model, frame_prefix, name, passive)
         columns = slice(3 * place, 3 * place + 3)
         if link is None or link.body:
-            found.append(gyro_sensor(name, config.noise_density, model, link, columns))
+            sensor = gyro_sensor(name, config.noise_density, model, link, columns)
+            found.append(replace(sensor, maybe_askew=link is None and _has_askew_link(model)))
         else:
             sensor = gyro_sensor(name, config.noise_density, model, None, columns)
             found.append(replace(sensor, axes=link.rotation))
     return tuple(found)
+
+
+def _has_askew_link(model: RobotModel) -> bool:
+    """Return whether a link on the base, which messages of an IMU may name, has other axes than the base's."""
+    rotations = [link.rotation for link in model.links if not link.body]
+    return any(np.abs(each).max(axis=1).min() < _ALONG for each in rotations)
 
 
 def gyro_sensor(
@@ -881,13 +890,18 @@ def declared_gyro(config: GyroConfig, sensor: GyroSensor, *, among: bool = False
     alone = oriented = False
     if isinstance(config, ImuConfig):
         alone, oriented = config.alone, config.orientation
+    scale, shared = config.scale_std, config.cross_axis_std
+    if sensor.maybe_askew:
+        # A (diag(s) + X(c)) A^T with any A: its diagonal, and the rest times the square root of 2, vary by no more.
+        scale = max(scale, np.sqrt(2.0) * shared)
+        shared = scale / np.sqrt(2.0)
     errors = GyroErrors(
         config.bias_std,
-        config.scale_std,
+        scale,
         config.orientation_std,
         0.0 if alone else _IMU_DELAY_STD,  # alone, its delay is the joints' time offset
         config.bias_walk,
-        config.cross_axis_std,
+        shared,
         alone=alone and not oriented,
         with_orientation=oriented,
         link=sensor.link,

@@ -385,3 +385,23 @@ def test_a_gyro_askew_to_the_base_has_scales_about_the_axes_of_its_frame() -> No
     assert sensor.link is None
     scales = gyro(GyroErrors(scale=0.02, axes=askew.rotation)).factor
     assert declared_gyro(config, sensor).factor[:, 3:6] == pytest.approx(scales)
+
+
+def test_scales_of_a_gyro_that_may_be_askew_count_about_any_axes() -> None:
+    """Where nothing says on which link it is: no frame leads to wider ones than are declared."""
+    links = [
+        replace(SERVICER.links[0], name='imu_link', rotation=exp(np.array(turn)))
+        for turn in ([0.1, -0.2, 0.7], [0.0, 0.0, 0.25 * np.pi], [0.0, 0.5 * np.pi, 0.0])
+    ]
+    for shared in (0.0, 0.03):
+        config = ImuConfig(noise_density=1e-4, scale_std=0.02, cross_axis_std=shared)
+        for askew in links:
+            model = replace(SERVICER, links=(*SERVICER.links, askew))
+            unset, named = (
+                declared_gyro(each, *gyro_sensors({'imu': each}, model, '')).factor
+                for each in (config, replace(config, frame='imu_link'))
+            )
+            left = unset @ unset.T - named @ named.T
+            assert np.linalg.eigvalsh(left).min() > -1e-12
+            # A quarter turn only exchanges the axes.
+            assert (np.abs(left).max() < 1e-12) == (askew is links[-1])
