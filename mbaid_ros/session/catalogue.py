@@ -122,7 +122,9 @@ def unknowns(config: EstimatorConfig, kernel: MomentumKernel) -> tuple[Unknown, 
         *declared_poses(config.poses),
         declared_offset(config.time_offset, jointed=model.joints > 0),
         declared_drift(config.time_offset, jointed=model.joints > 0),
-        declared_scale(config.odometry, located=odometry),
+        declared_scale(
+            config.odometry, located=odometry, from_world=any(each.same_world for each in config.poses.used.values())
+        ),
         declared_twist_bias(config.odometry, located=odometry),
         declared_turning(config.odometry, located=odometry),
         declared_gravity(config.orbit, located=located),

@@ -209,6 +209,9 @@ def _long_or_short(value: Array) -> str:
 class OdometryScale(Linear):
     """Relative scale error s: positions are read (1 + s) times as far as they are."""
 
+    # Whether from the origin of its frame, which poses of other sensors have, too; else from the run's
+    from_world: bool = False
+
     words: ClassVar = {
         SCALE: Words(
             every='the lengths of the odometry (their scale)',
@@ -244,13 +247,14 @@ class OdometryScale(Linear):
         if sensor not in ('pose', 'twist'):
             return None
         read = np.zeros((len(motion.time), 6, 1))
-        read[:, 3:, 0] = motion.position if sensor == 'pose' else motion.twist[:, 3:]
+        position = motion.position + motion.origin if self.from_world else motion.position
+        read[:, 3:, 0] = position if sensor == 'pose' else motion.twist[:, 3:]
         return read
 
 
-def odometry_scale(deviation: float) -> OdometryScale:
-    """Return the scale as an unknown, of a relative standard deviation."""
-    return OdometryScale(np.array([[deviation]]), (SCALE,))
+def odometry_scale(deviation: float, *, from_world: bool = False) -> OdometryScale:
+    """Return the scale as an unknown, of a relative standard deviation; `from_world` as of the class."""
+    return OdometryScale(np.array([[deviation]]), (SCALE,), from_world)
 
 
 @dataclass(frozen=True, eq=False)
@@ -722,9 +726,9 @@ def declared_mount(config: OdometryMountConfig, *, located: bool) -> OdometryMou
     return odometry_mount(config.position_std, config.orientation_std) if located else odometry_mount(0.0, 0.0)
 
 
-def declared_scale(config: OdometryConfig, *, located: bool) -> OdometryScale:
-    """Return the scale of the odometry, exact where nothing locates the base."""
-    return odometry_scale(config.scale_std if located else 0.0)
+def declared_scale(config: OdometryConfig, *, located: bool, from_world: bool = False) -> OdometryScale:
+    """Return the scale of the odometry, exact where nothing locates the base; `from_world` as of `OdometryScale`."""
+    return odometry_scale(config.scale_std if located else 0.0, from_world=from_world)
 
 
 def declared_twist_bias(config: OdometryConfig, *, located: bool) -> TwistBias:

@@ -12,6 +12,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from checked import assert_derivative, central_difference, generic, some
+from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.clocks import clock_drift, time_offset
 from mbaid_ros.core.contracts import Motion, Unknown, deviation_text
 from mbaid_ros.core.filter.linearise import WindowModel
@@ -19,6 +20,7 @@ from mbaid_ros.core.geometry import Array, crossed, exp, rotate, rotate_back
 from mbaid_ros.core.gyro import IMU, GyroErrors, angular_momentum, gyro, gyro_sensor
 from mbaid_ros.core.joints.model import joint_lags, joint_placements
 from mbaid_ros.core.odometry.model import (
+    OdometryScale,
     integral_weights,
     odometry_mount,
     odometry_scale,
@@ -32,8 +34,11 @@ from mbaid_ros.core.robot.model import Kinematics, express
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, Samples
 from mbaid_ros.core.state import BODY, Layout
+from mbaid_ros.parameters import build
+from mbaid_ros.session.catalogue import unknowns
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, observe
+from simulated import robot
 from windowed import FIRST, JOINT, LAST, residuals, window_model, window_of
 from wrong_robots import Wrong
 
@@ -331,6 +336,19 @@ def test_sensors_on_a_link_are_off_by_errors_of_joints_as_the_columns_say(
         off = left(nothing, value)
         assert np.abs(off).min() > 1e-9
         assert left(value, value) == pytest.approx(off, abs=part * np.abs(off).max())
+
+
+@pytest.mark.parametrize('same', [False, True])
+def test_a_scale_beside_poses_of_the_same_world_is_about_its_origin(same: bool) -> None:
+    """As those poses are; alone it is about the run's, wherever that begins."""
+    config = build(EstimatorConfig, {'poses.names': ['mocap'], 'poses.mocap.same_world': same})
+    kernel = MomentumKernel(robot('servicer7'), 'link7')
+    (scale,) = (each for each in unknowns(config, kernel) if isinstance(each, OdometryScale))
+    place, origin, fast = generic(1, 2, 3), generic(2, 3), generic(3, 2, 6)
+    motion = Motion(np.arange(2.0), origin, place, np.stack([np.eye(3)] * 2), fast, fast, fast)
+    read = some(scale.measured('pose', motion))[:, 3:, 0]
+    assert read == pytest.approx(place + origin if same else place)
+    assert some(scale.measured('twist', motion))[:, 3:, 0] == pytest.approx(fast[:, 3:])
 
 
 @pytest.mark.parametrize(('scale', 'text'), [(0.07, '7 % too long'), (-0.092, '9.2 % too short')])
