@@ -133,7 +133,8 @@ def forces(filtered: HypothesisFilter, distribution: MeanAndCovariance) -> tuple
         return ()
     value, factor = distribution.force, distribution.force_factor
     significance = float(value @ np.linalg.pinv(factor @ factor.T, hermitian=True) @ value)
-    if significance < chi_square_limit(_NOTHING, len(value)):
+    degrees = distribution.gaussian.size - len(distribution.variables.scale)  # 3 in a plane
+    if significance < chi_square_limit(_NOTHING, degrees):
         return ()
     return (Event(0.0, 'ramp', value[:3], value[3:], constant_force(axes)),)
 

@@ -100,7 +100,9 @@ def as_json(run: Run) -> dict[str, Any]:
         'advice': run.advice or None,
         'continuation': None
         if run.posterior is None or run.contradicted or final.repairs
-        else continuation_as_json(run.posterior.continuation, run.urdf),
+        else continuation_as_json(
+            run.posterior.continuation, run.urdf, str(run.settings.get('known_links.calibration', ''))
+        ),
         'history': [
             {
                 't': estimate.time,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from checked import some
 from floating import errors, follow, normalised, true_momentum
 from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.filter.posterior import Continuation
+from mbaid_ros.core.method import forces
 from mbaid_ros.core.pipeline import Estimator
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.momentum import MomentumKernel
@@ -179,6 +182,44 @@ def test_the_file_of_a_run_holds_it_and_is_of_that_robot(
     written(continuation=None)
     with pytest.raises(ParameterError, match='cannot be continued'):
         read_continuation(config, URDF)
+
+
+def test_a_run_goes_on_with_a_calibration_of_the_same_contents_alone(
+    runs: tuple[Estimate, Estimate, Estimate, Continuation], tmp_path: Path
+) -> None:
+    path, *files = (tmp_path / name for name in ('run.json', 'first', 'copy', 'other'))
+    for file, text in zip(files, ('{"a": 1}', '{"a": 1}', '{"a": 2}'), strict=True):
+        file.write_text(text, encoding='utf-8')
+    first, copy, other = (
+        build(EstimatorConfig, {'continue_from': str(path), 'known_links.calibration': str(file)}) for file in files
+    )
+    left = continuation_as_json(runs[-1], URDF, str(files[0]))
+    content = {'continuation': left, 'made_by': {'parameters': json.loads(json.dumps(values_of(first)))}}
+    path.write_text(json.dumps(content), encoding='utf-8')
+    for config in (first, copy):
+        assert read_continuation(config, URDF) is not None
+    with pytest.raises(ParameterError, match=r'made with a known_links\.calibration of other contents than'):
+        read_continuation(other, URDF)
+    with pytest.raises(ParameterError, match=r'was made with known_links\.calibration'):
+        read_continuation(build(EstimatorConfig, {'continue_from': str(path)}), URDF)
+    files[0].write_text('{"a": 3}', encoding='utf-8')  # calibrated again, in the same place
+    with pytest.raises(ParameterError, match='other contents'):
+        read_continuation(first, URDF)
+    assert 'calibration' not in continuation_as_json(runs[-1], URDF)
+
+
+@pytest.mark.parametrize(('numbers', 'reported'), [(3, True), (6, False)])
+def test_a_force_in_a_plane_is_compared_with_as_many_numbers_as_it_has(numbers: int, reported: bool) -> None:
+    """A chi-square of 34 is rarer than once in a million of three numbers, not of six."""
+    force = np.append(np.sqrt(34.0), np.zeros(5))
+    distribution: Any = SimpleNamespace(
+        force=force,
+        force_factor=np.eye(6)[:, :numbers],
+        gaussian=SimpleNamespace(size=20 + numbers),
+        variables=SimpleNamespace(scale=np.ones(20)),
+    )
+    filtered: Any = SimpleNamespace(hypothesis=SimpleNamespace(force='inertial'))
+    assert [event.kind for event in forces(filtered, distribution)] == ['ramp'] * reported
 
 
 @pytest.mark.long
