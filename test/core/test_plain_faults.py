@@ -358,7 +358,7 @@ def test_coordinates_that_never_change_are_named(pieces: int, same: str, listed:
     assert [listed in text for text in found.warnings] == [True] * bool(same)
 
 
-@pytest.mark.parametrize(('axis', 'named'), [('1 0 0', False), ('0 0 1', True)])
+@pytest.mark.parametrize(('axis', 'named'), [('1 0 0', False), ('0 1 0', False), ('0 0 1', True)])
 def test_a_joint_that_slides_within_the_plane_does_not_leave_it(axis: str, named: bool) -> None:
     model = load_model(two_links('type="prismatic"', 'type="revolute"').replace('xyz="0 0 1"', f'xyz="{axis}"', 1))
     planar, stamps = PlanarPoses(model), SPACING * np.arange(COUNT)

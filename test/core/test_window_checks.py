@@ -23,6 +23,7 @@ SWAY = np.stack((np.sin(0.5 * TIME), np.cos(0.4 * TIME), np.sin(0.3 * TIME + 1.0
         (0.0, 1e-3, 0.1, True),
         (-1.0, 1e-3, 0.1, False),  # a free base: it moves against the centre of mass
         (-0.1, 1e-4, 0.1, False),  # a heavy one moves little, but against it
+        (-0.05, 4e-3, 0.1, False),  # beside noise too
         (0.0, 0.03, 0.1, False),  # too noisy to be sure
         (0.0, 0.0, 5e-4, False),  # nothing moves
     ],

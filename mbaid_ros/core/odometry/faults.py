@@ -355,7 +355,7 @@ class HeldBase:
         self._seen: deque[Array] = deque(maxlen=_KEPT)  # (7,) of each window before, means of time, p and c
         self._held = False
         # Of an unknown base, or a robot without moving parts, the known links determine no reaction.
-        self._possible = kernel.target.body > 0 and kernel.model.joints > 0
+        self._possible = kernel.target.body > 0
 
     def update(self, window: Samples) -> Reason | None:
         """Add a window; return a reason from the one on that shows that the base is held."""
@@ -597,7 +597,7 @@ def other_frame_text(mount: Array, marker: PlacedFrame | None) -> str:
     about = ', '.join(f'{each:.2g}' for each in np.round(-mount[:3] / max(angle, 1e-12), 2) + 0.0)
     parts = [f'turned by {np.degrees(angle):.0f} degrees about ({about})'] if angle > TURNED else []
     if np.linalg.norm(mount[3:]) > AWAY:
-        place = ', '.join(f'{1e3 * each:.0f}' for each in -(exp(mount[:3]).T @ mount[3:]))
+        place = ', '.join(f'{each:.0f}' for each in np.round(-1e3 * (exp(mount[:3]).T @ mount[3:])) + 0.0)
         parts.append(f'({place}) mm away')
     how = 'turn it back' if np.linalg.norm(mount[3:]) <= AWAY else 'correct it'
     where = f'{" and ".join(parts)} relative to the base link'

@@ -198,3 +198,19 @@ def test_the_best_of_three_passes_counts(
     else:
         assert returned(work).gaussian.log_likelihood == best
     assert made.points == points
+
+
+def test_a_cause_by_itself_comes_before_a_kind_of_its_name() -> None:
+    """What thrusters share is a cause, and the name of their kind."""
+
+    def unknown(*labels: str) -> Any:
+        return SimpleNamespace(labels=labels, factor=np.eye(len(labels)), repair=lambda *_: labels[0])
+
+    layout: Any = SimpleNamespace(
+        unknowns=(unknown('thruster:left'), unknown('thruster'), unknown('lag:elbow')),
+        places=[slice(BODY.stop + place, BODY.stop + place + 1) for place in range(3)],
+        kernel=None,
+    )
+    distribution: Any = SimpleNamespace(mean=np.zeros(BODY.stop + 3), unknowns_covariance=0.5 * np.eye(3))
+    found = [estimated_repair(distribution, layout, cause) for cause in ('thruster', 'thruster:left', 'lag', 'zero')]
+    assert found == ['thruster', 'thruster:left', 'lag:elbow', None]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import product
 
 import numpy as np
 import pytest
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joints.faults import JointFaults, JointRates, joints_in_degrees, reversed_joints, swapped_joints
+from mbaid_ros.core.joints.stream import joint_channels
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import JointStream, Samples, Stamps
@@ -163,6 +165,21 @@ def test_symptoms_of_wheels_by_how_their_velocity_fits(step: float, unchanged: U
     unchanged.values(found=found)
 
 
+@pytest.mark.parametrize('whole', [*product((False, True), repeat=3)])
+def test_a_reading_far_from_both_neighbours_is_wrong_but_not_that_of_an_encoder_that_flips(
+    whole: tuple[bool, bool, bool],
+) -> None:
+    """Where all three are whole numbers."""
+    position = moving()
+    position[:, 3] = 1.003
+    for place, (level, flag) in enumerate(zip((1.0, 2.0, 1.0), whole, strict=True)):
+        position[2 + place :: 9, 3] = level + 0.001 * (not flag) * place
+    position[2::9, 3] += 0.002 * (not whole[0])
+    found = symptoms(position)
+    assert isinstance(found, dict)
+    assert ('wrong values' in found) is not all(whole)
+
+
 @pytest.mark.parametrize('late', [0.2, 0.4, 0.6, 0.9])
 def test_a_second_source_comes_between_the_readings(late: float, unchanged: Unchanged) -> None:
     rows = np.arange(COUNT)
@@ -202,7 +219,7 @@ def test_a_step_beside_a_missing_message_is_no_jump(unchanged: Unchanged) -> Non
 def window(position: Array, velocity: Array) -> Samples:
     count, nothing = len(position), np.zeros((len(position), 3))
     unit, covariance = np.tile(np.eye(3), (count, 1, 1)), np.tile(np.eye(6), (count, 1, 1))
-    time = 0.02 * np.arange(count)
+    time = 3.0 + 0.02 * np.arange(count)  # a window begins at any time
     return Samples(time, position, velocity, nothing, unit, nothing, nothing, covariance, covariance)
 
 
@@ -270,3 +287,15 @@ def test_how_joints_may_be_meant_otherwise(unchanged: Unchanged) -> None:
     assert len(every) == 4 + 6 + 1
     read = [each.windows(windows)[1].knots.joint_position[3] for each in every]
     unchanged.values(read=read, meant=[(each.text, each.joint_range, each.misfit_left, each.repair) for each in every])
+
+
+def test_outliers_of_joints_are_looked_for_joint_by_joint() -> None:
+    """By how far each is from where it began, beside the declared noise."""
+    (channels,) = joint_channels(0.3)
+    position = moving()
+    read = JointStream(SPACING * np.arange(COUNT), position, position)
+    assert channels.values(read)[:, :, 0] == pytest.approx(position)
+    assert channels.declared(read) == pytest.approx(np.full((COUNT, 4), 0.3))
+    away = channels.local(read)[:, :, 0]
+    assert not away[0].any()
+    assert np.diff(away, axis=0) == pytest.approx(np.diff(position, axis=0))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -20,11 +20,18 @@ from mbaid_ros.core.geometry import Array, crossed, exp, rotate, rotate_back
 from mbaid_ros.core.gyro import IMU, GyroErrors, angular_momentum, gyro, gyro_sensor
 from mbaid_ros.core.joints.model import joint_lags, joint_placements
 from mbaid_ros.core.odometry.model import (
+    ANGULAR_BIAS,
+    LINEAR_BIAS,
+    IntegratedTwist,
     OdometryScale,
+    _certain,
     integral_weights,
+    integrated_twist,
     odometry_mount,
     odometry_scale,
+    parabolic_weights,
     poses_beside_others,
+    telescoped,
     twist_bias,
     vibration,
 )
@@ -285,6 +292,92 @@ def test_weights_of_an_integral_and_of_its_mean_over_the_knots(count: int) -> No
     assert 0.5 * (count - 1.0) * of_mean @ rates == pytest.approx(np.mean(at_knots))
 
 
+@pytest.mark.parametrize('count', [3, 10])
+def test_a_windows_twist_is_weighted_by_a_parabola_that_vanishes_at_its_ends(count: int) -> None:
+    weights, spacing = parabolic_weights(count), 0.05
+    assert np.sum(weights) == pytest.approx(1.0)
+    parabola = np.polyfit(np.arange(count), weights, 2)
+    assert np.polyval(parabola, [-0.5, count - 0.5]) == pytest.approx([0.0, 0.0], abs=1e-12)
+    # White noise of the joints at the knots: in the weighted sum of their differences, over that in their mean.
+    noise = np.random.default_rng(count).normal(size=(40_000, count + 1))
+    twist, mean = np.diff(noise, axis=1) @ weights / spacing, np.mean(noise[:, :count], axis=1)
+    assert np.var(twist) / np.var(mean) == pytest.approx(telescoped(count, spacing), rel=0.05)
+
+
+def test_a_measurement_is_worth_as_much_as_among_all_windows_of_a_long_run() -> None:
+    """Beside a random walk: the middle block of the inverse of the covariance of all, far from the ends."""
+    rng, size, windows = np.random.default_rng(1), 2, 81
+    noise, by_carried, walk = rng.normal(size=(4, 6)), rng.normal(size=(4, size)), rng.normal(size=(size, size))
+    noise = noise @ noise.T
+    steps = np.kron(np.tril(np.ones((windows, windows))), walk)  # the walk's values by its steps
+    steps[:, :size] *= 1e3  # it begins anywhere
+    readings = np.kron(np.eye(windows), by_carried) @ steps
+    whole = np.linalg.inv(np.kron(np.eye(windows), noise) + readings @ readings.T)
+    middle = slice(4 * (windows // 2), 4 * (windows // 2) + 4)
+    assert _certain(noise[None], by_carried, walk[None])[0] == pytest.approx(whole[middle, middle], rel=1e-4)
+
+
+def test_the_noise_of_an_integrated_twist_is_that_of_its_way_and_of_its_mean_over_the_knots() -> None:
+    """Of equal readings in each interval; stored momentum is as noisy in all of them."""
+    count, spacing, windows = 6, 0.05, 2
+    rng = np.random.default_rng(3)
+    own, stored = rng.normal(size=(windows, 6, 8)), 0.3 * rng.normal(size=(windows, 6, 3))
+    rotation = exp(rng.normal(size=(count * windows, 3))).reshape(count, windows, 3, 3)
+    shapes = {'by_parameters': (6, 9), 'by_pose_error': (6, 6), 'twist': (6,)}
+    prediction: Any = SimpleNamespace(
+        **{name: rng.normal(size=(count, windows, *shape)) for name, shape in shapes.items()}
+    )
+    stack: Any = SimpleNamespace(
+        windows=(SimpleNamespace(spacing=spacing),) * windows,
+        samples=50,
+        twist_covariance=own @ np.swapaxes(own, 1, 2),
+        whitening=rng.normal(size=(windows, 6)),
+    )
+
+    class Middle(SimpleNamespace):
+        def __len__(self) -> int:
+            return count
+
+    middle: Any = Middle(base_twist=rng.normal(size=(count, windows, 6)), base_rotation=rotation)
+    point: Any = SimpleNamespace(parameters=rng.normal(size=9), nuisance=rng.normal(size=2))
+    found = integrated_twist(
+        stack,
+        prediction,
+        middle,
+        rng.normal(size=(count + 1, windows, 6, 16)),
+        point,
+        by_readings=[rng.normal(size=(windows, 6, 2))] * 2,
+        stored=stored,
+    )
+    axes = np.zeros((windows, 6, 6))
+    axes[:, :3, :3] = axes[:, 3:, 3:] = rotation[count // 2]
+    one = axes @ stack.twist_covariance @ np.swapaxes(axes, 1, 2) + stored @ np.swapaxes(stored, 1, 2)
+    one *= count / stack.samples  # of an interval's mean
+    steps = rng.normal(size=(200_000, count)) * spacing
+    way, mean = np.sum(steps, axis=1), np.mean(np.cumsum(steps, axis=1) - steps, axis=1)
+    variance, shared = np.var(way), np.mean(way * mean)
+    assert found.white == pytest.approx(variance * one, rel=0.02)
+    assert found.share == pytest.approx(shared / variance, rel=0.02)
+    assert found.left == pytest.approx(np.var(mean) / variance - (shared / variance) ** 2, rel=0.02)
+    assert found.replaces_twist.all()
+    # A twist that stays the same, of a base that is predicted to rest.
+    prediction = SimpleNamespace(**{name: 0.0 * value for name, value in vars(prediction).items()})
+    middle.base_twist[:], still = rng.normal(size=6), np.zeros((count + 1, windows, 6, 16))
+    rates = [np.zeros((windows, 6, 2))] * 2
+    moves = integrated_twist(stack, prediction, middle, still, point, by_readings=rates, stored=stored)
+    twist = middle.base_twist[0][:, [3, 4, 5, 0, 1, 2]]
+    assert moves.integral_value == pytest.approx(count * spacing * twist)
+    assert moves.mean_value == pytest.approx(np.mean(spacing * np.arange(count)) * twist)
+    assert IntegratedTwist.none(windows, 17).white.shape == found.white.shape
+
+
+def test_the_bias_of_a_twist_is_six_numbers_of_two_kinds() -> None:
+    assert BIAS.labels == (*(ANGULAR_BIAS,) * 3, *(LINEAR_BIAS,) * 3)
+    sizes = twist_bias(2.0, 3.0).factor.sum(axis=1)
+    assert sizes == pytest.approx([2.0] * 3 + [3.0] * 3)
+    assert odometry_mount(0.5, 0.02).tilt == pytest.approx(0.02)
+
+
 def on_the_arm(
     kernel: MomentumKernel, exact: Samples, start: Array, unknown: Unknown
 ) -> Callable[[Array, Array], Array]:
@@ -383,6 +476,11 @@ def test_a_vibration_of_the_twist_is_the_rate_of_that_of_the_pose() -> None:
             return some(unknown.measured('pose', cast('Motion', there)))[0]
 
         assert rate == pytest.approx(central_difference(pose, np.zeros(1), 1e-4)[..., 0], abs=1e-4)
+    once, again = (
+        some(unknown.measured('pose', cast('Motion', SimpleNamespace(time=np.array([time])))))[0]
+        for time in (0.3, 0.3 + 1.0 / 0.7)
+    )
+    assert again[:, :12] == pytest.approx(once[:, :12])
     still = some(unknown.measured('pose', cast('Motion', SimpleNamespace(time=np.array([60.0])))))[0]
     assert still[:, 12:] == pytest.approx(still[:, :12])  # grown by as much again in a minute
 

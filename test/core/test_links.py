@@ -1,0 +1,115 @@
+"""Links that are described in another unit, or with an inertia that no body has: bodies on either side of a limit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from checked import some
+from mbaid_ros.core.contracts import Convention
+from mbaid_ros.core.links import impossible, mistaken_masses
+from mbaid_ros.core.robot.model import RobotModel, load_model
+from mbaid_ros.core.robot.momentum import MomentumKernel
+
+AXES = np.array([0.1, 0.2, 0.3])  # m, half axes of an ellipsoid
+VOLUME = 4.0 / 3.0 * np.pi * float(np.prod(AXES))
+MOMENTS = np.sum(AXES**2) - AXES**2  # of the ellipsoid, in fifths of its mass
+OFFSET = np.array([0.3, -0.4, 1.2])
+
+
+def arm(masses: list[float], moments: list[list[float]], distance: float, fixed: str = '') -> RobotModel:
+    """Return a base and links in a row, with principal moments about their centres, and what is fixed to them."""
+    parts = []
+    for place, (mass, moment) in enumerate(zip(masses, moments, strict=True)):
+        name = f'link{place}' if place else 'base_link'
+        inertia = ' '.join(f'{key}="{value}"' for key, value in zip(('ixx', 'iyy', 'izz'), moment, strict=True))
+        parts.append(
+            f'<link name="{name}"><inertial><origin xyz="{" ".join(map(str, OFFSET))}"/><mass value="{mass}"/>'
+            f'<inertia {inertia} ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        )
+        if place:
+            parent = f'link{place - 1}' if place > 1 else 'base_link'
+            parts.append(
+                f'<joint name="j{place}" type="continuous"><parent link="{parent}"/><child link="{name}"/>'
+                f'<origin xyz="0 {distance} 0"/><axis xyz="0 0 1"/></joint>'
+            )
+    return load_model(f'<robot name="arm">{"".join(parts)}{fixed}</robot>')
+
+
+@pytest.mark.parametrize(
+    ('distance', 'radius', 'said'),
+    [
+        (0.5, 4.9, ''),
+        (0.5, 5.1, 'the inertia of a body of 5.1 m'),
+        (0.0, 0.9, ''),
+        (0.0, 1.1, 'the inertia of a body of 1.1 m'),
+        (300.0, 1.6, ''),
+        (300.0, 1.4, 'j1 is 300 m from its parent, and no link has the inertia of a body of more than 1.4 m'),
+        (0.5, 0.0, "link 'link1' has 2 kg and no inertia"),
+    ],
+)
+def test_an_inertia_is_that_of_a_body_that_fits_the_robot(distance: float, radius: float, said: str) -> None:
+    """About the centre of mass, which is elsewhere; the base is smaller."""
+    moments = [[size**2 * 4.0 / 3.0] * 3 for size in (max(0.5 * radius, 1e-2), radius)]
+    text, repair = impossible(arm([2.0, 2.0], moments, distance))
+    assert said in text
+    assert bool(text) is bool(said)
+    assert (repair is not None) is said.startswith('j1')
+    assert repair is None or some(repair.conversion).lengths == 1e-3
+
+
+def test_a_light_link_may_have_any_inertia() -> None:
+    for light, said in ((0.015, False), (0.03, True)):  # a hundredth of the robot's mass is between
+        assert bool(impossible(arm([2.0, light], [[0.1] * 3, [0.0] * 3], 0.5))[0]) is said
+        assert bool(impossible(arm([2.0, light], [[0.1] * 3, [9.0] * 3], 0.5))[0]) is said
+    assert impossible(arm([2.0, 0.0], [[0.1] * 3, [0.0] * 3], 0.5)) == ('', None)
+
+
+def dense(*densities: float) -> MomentumKernel:
+    """Return a robot of ellipsoids of some densities, kg/m^3, base first; the last one is the target."""
+    masses = [VOLUME * each for each in densities]
+    moments = [(mass / 5.0 * MOMENTS).tolist() for mass in masses]
+    return MomentumKernel(arm(masses, moments, 0.5), f'link{len(densities) - 1}')
+
+
+def of_all(kernel: MomentumKernel) -> dict[str, Convention]:
+    return {each.text.split(') are ')[1].split()[0]: each for each in mistaken_masses(kernel) if 'links' in each.text}
+
+
+@pytest.mark.parametrize(
+    ('densities', 'units', 'repaired'),
+    [
+        ((300.0, 2700.0, 2700.0, 900.0), ['0.001'], []),
+        ((300.0, 12000.0, 2700.0, 900.0), ['0.001'], []),
+        ((300.0, 12000.0, 12000.0, 900.0), ['1000', '0.001'], ['1000']),
+        ((1.3, 11000.0, 12000.0, 900.0), ['0.001'], []),
+        ((1.1, 2700.0, 2700.0, 900.0), ['1000', '0.001'], []),
+    ],
+)
+def test_an_arm_is_in_grams_where_it_is_denser_than_lead_or_the_base_lighter_than_air(
+    densities: tuple[float, ...], units: list[str], repaired: list[str]
+) -> None:
+    kernel = dense(*densities)
+    found = of_all(kernel)
+    assert list(found) == units
+    assert [unit for unit, each in found.items() if each.repair] == repaired
+    for unit, each in found.items():
+        assert each.kernel.known[1:3] == pytest.approx(kernel.known[1:3] / float(unit))
+        assert each.kernel.known[0] == pytest.approx(kernel.known[0])
+        if each.repair:
+            assert some(each.repair.conversion).masses == {'link1': 1e-3, 'link2': 1e-3}
+
+
+def test_a_body_is_named_by_its_heaviest_link_and_all_links_with_mass_are_converted() -> None:
+    fixed = (
+        '<link name="cap"><inertial><origin xyz="9 0 0"/><mass value="1"/>'
+        '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><link name="frame"/>'
+    )
+    for name in ('cap', 'frame'):
+        fixed += f'<joint name="at_{name}" type="fixed"><parent link="link1"/><child link="{name}"/></joint>'
+    kernel = MomentumKernel(arm([50.0, 5.0, 4.0], [[9.0] * 3] * 3, 0.5, fixed), 'link2')
+    *found, of_all_links = mistaken_masses(kernel)
+    assert {each.text.split()[1] for each in found} == {'base_link', 'link1'}
+    repairs = [each.repair for each in found if each.text.startswith('link link1 is 0.001 ')]
+    assert some(some(repairs[0]).conversion).masses == pytest.approx({'link1': 1e3, 'cap': 1e3})
+    assert '(link1, cap, link2)' in of_all_links.text or '(link1, link2, cap)' in of_all_links.text
