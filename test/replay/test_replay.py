@@ -8,10 +8,12 @@ import json
 import math
 import re
 import shlex
+from dataclasses import dataclass, field
 from datetime import datetime, timezone
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -26,7 +28,7 @@ from mbaid_ros.core.results.estimate import Status
 from mbaid_ros.parameters import values_of
 from mbaid_ros.replay.arguments import replay as main
 from mbaid_ros.replay.provenance import hashes
-from mbaid_ros.replay.replay import exit_code
+from mbaid_ros.replay.replay import _continued, exit_code
 from simulated import CONFIG, table1
 
 MODEL = str(CONFIG / 'table1.urdf')
@@ -159,6 +161,54 @@ def test_other_topic_names(capsys: pytest.CaptureFixture[str], bag: str, tmp_pat
     result = result_of(capsys, renamed, '--joint-states', '/arm/joint_states', '--odom', '/arm/odom', *QUICK)
     assert result['status'] != 'waiting'
     assert [each['topic'] for each in result['sensors']] == ['/arm/odom']
+
+
+def test_a_bag_without_the_base_is_refused_with_the_topics_it_has(
+    capsys: pytest.CaptureFixture[str], bag: str, tmp_path: Path
+) -> None:
+    for kept, words in (('/joint_states', "no topic '/odom'"), ('/odom', "no topic '/joint_states'")):
+        alone = str(tmp_path / kept[1:])
+        with BagReader(bag) as source, BagWriter(alone) as target:
+            target.add_topic(kept, source.topics[kept].type)
+            for name, data, time in source.raw([kept]):
+                target.write_raw(name, data, time)
+        assert f'{words}; topics: {kept} (' in refused(capsys, alone, '--model', MODEL)
+
+
+@dataclass(frozen=True)
+class Ended:
+    """The end of a run, as far as the next one begins from it."""
+
+    bag: str
+    posterior: str | None = 'mass'
+    contradicted: bool = False
+    warnings: tuple[str, ...] = ()
+    final: Any = field(default_factory=lambda: SimpleNamespace(repairs=()))
+
+
+def test_nothing_goes_on_from_a_run_that_was_repaired_or_cannot_be_trusted(monkeypatch: pytest.MonkeyPatch) -> None:
+    repaired = Ended('repaired', final=SimpleNamespace(repairs=('degrees',)))
+    ends = [
+        Ended('a'),
+        repaired,
+        Ended('wrong', contradicted=True, warnings=('own',)),
+        Ended('short', None),
+        Ended('b'),
+    ]
+    begun: list[str | None] = []
+
+    def replayed(bag: str, *_: object, before: Ended | None, **__: object) -> Ended:
+        begun.append(before.bag if before else None)
+        return next(each for each in ends if each.bag == bag)
+
+    monkeypatch.setattr('mbaid_ros.replay.replay.replay_bag', replayed)
+    nothing: Any = None
+    runs = _continued([*(each.bag for each in ends), 'b'], nothing, nothing, nothing)
+    assert begun == [None, 'a', 'a', 'a', 'a', 'b']
+    first = 'nothing goes on from repaired, which was repaired'
+    notes = [f'nothing goes on from {bag}, which reached no estimate that can be trusted' for bag in ('wrong', 'short')]
+    assert [each.warnings for each in runs[:4]] == [(), (), ('own', first), (first, notes[0])]
+    assert [each.warnings for each in runs[4:]] == [(first, *notes)] * 2
 
 
 def test_the_estimates_as_a_bag(capsys: pytest.CaptureFixture[str], output: Path, bag: str) -> None:

@@ -212,5 +212,7 @@ def test_a_cause_by_itself_comes_before_a_kind_of_its_name() -> None:
         kernel=None,
     )
     distribution: Any = SimpleNamespace(mean=np.zeros(BODY.stop + 3), unknowns_covariance=0.5 * np.eye(3))
-    found = [estimated_repair(distribution, layout, cause) for cause in ('thruster', 'thruster:left', 'lag', 'zero')]
+    found: list[Any] = [
+        estimated_repair(distribution, layout, cause) for cause in ('thruster', 'thruster:left', 'lag', 'zero')
+    ]
     assert found == ['thruster', 'thruster:left', 'lag:elbow', None]

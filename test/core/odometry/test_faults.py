@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 
 from checked import some
-from mbaid_ros.core.geometry import Array, exp, log
+from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.odometry.faults import (
     PlanarPoses,
     _twist_motion,
-    axes_between,
     other_frame_text,
-    turn_between,
 )
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.samples import BaseStream, Samples
@@ -50,17 +48,13 @@ def poses(*rows: tuple[float, Array, Array]) -> BaseStream:
 BENT = load_model(two_links('type="revolute"', 'type="revolute"').replace('xyz="0 0 1"', 'xyz="1 0 0"', 1))
 
 
-def verdict(rows: Sequence[tuple[float, Array, Array]], angles: list[float]) -> list[tuple[str, float, str]]:
-    """Return the faults, since when, s, and of what, where j1, which tilts the base, has angles at 0, 1, ... s."""
-    planar = PlanarPoses(BENT)
-    stamp = SECOND * np.arange(len(angles))
-    for row in rows[:-2]:  # as they arrive
+def verdict(rows: Sequence[tuple[float, Array, Array]], angles: list[float]) -> list[tuple[str, float]]:
+    """Return the faults and since when, s, where j1, which tilts the base, has angles at 0, 1, ... s."""
+    planar, stamp = PlanarPoses(BENT), SECOND * np.arange(len(angles))
+    for row in rows:  # as they arrive
         planar.add_poses(poses(row))
-    planar.add_poses(poses(*rows[-2:]))
     planar.add_joints(BENT.joint_names, stamp, np.column_stack((angles, 9.0 * np.arange(len(angles)))))
-    return [
-        (fault, since / SECOND, text.partition('moves: ')[2].partition(';')[0]) for fault, since, text in planar.found()
-    ]
+    return [(fault, since / SECOND) for fault, since, _ in planar.found()]
 
 
 @pytest.mark.parametrize(
@@ -79,68 +73,10 @@ def test_poses_are_planar_that_never_left_the_plane_before_base_and_a_tilting_jo
     place, still = np.array([5.0, -2.9, 0.0]), np.zeros(3)
     rows = [(0.0, np.array([5.0, -3.0, 0.0]), still), (moved, place, np.array([0.0, 0.0, 0.5]))]
     rows += [] if left is None else [(left, place, np.array([0.1, 0.0, 0.0]))]
-    assert verdict(rows, angles) == [(fault, since, '') for fault, since in found]
+    assert verdict(rows, angles) == found
 
 
-@pytest.mark.parametrize(
-    ('until', 'later', 'found'),
-    [(12.9, None, []), (13.1, None, [('same', 13.0)]), (13.5, 13.2, [('same', 13.0)]), (13.5, 12.8, [])],
-)
-@pytest.mark.parametrize('same', ['x', 'orientation'])
-def test_a_coordinate_may_begin_to_change_within_ten_seconds_of_all_else(
-    until: float, later: float | None, found: list[tuple[str, float]], same: str
-) -> None:
-    """Of a base in space, where one alone stays the same."""
-    turns = np.array([[0.1, 0.2, 0.3], [0.2, 0.3, 0.5], [0.3, 0.3, 0.5]])
-    turns = turns[:1].repeat(3, axis=0) if same == 'orientation' else turns
-    away = 0.1 * np.outer(np.arange(3), [same != 'x', 1.0, 1.0]) + [5.0, -3.0, 1.0]
-    rows = [(0.0, away[0], turns[0]), (2.0, away[1], turns[1])]
-    rows += [] if later is None else [(later, away[1] + [0.1, 0.0, 0.0], turns[1] + [0.1, 0.0, 0.1])]
-    rows += [(until, away[2], turns[2])]
-    assert verdict(rows, [0.0, 0.1, 0.0, 0.5]) == [(fault, since, same) for fault, since in found]
-
-
-@pytest.mark.parametrize(
-    ('mount', 'said'),
-    [
-        (
-            [0.0, 0.0, -0.5 * np.pi, 0.1, 0.2, -0.3],
-            'turned by 90 degrees about (0, 0, 1) and (200, -100, 300) mm away relative to the base link: correct it',
-        ),
-        (
-            [0.0, 0.03, 0.04, 0.01, 0.0, 0.0],
-            'turned by 3 degrees about (0, -0.6, -0.8) relative to the base link: ',
-        ),
-        ([0.0, 0.01, 0.0, 0.03, 0.0, 0.0], 'is (-30, 0, 0) mm away relative to the base link: correct it'),
-    ],
-)
-def test_another_frame_on_the_base_is_named_by_where_it_is(mount: list[float], said: str) -> None:
-    assert said in other_frame_text(np.array(mount), None)
-
-
-@pytest.mark.parametrize(('scale', 'named'), [(1.0, False), (4.5, True), (5.5, False), (0.25, True), (0.15, False)])
-def test_an_axis_that_reads_far_too_much_measures_something_else(scale: float, named: bool) -> None:
-    step = np.random.default_rng(5).normal(size=(30, 3))
-    read = step * np.array([1.0, scale, 1.0])
-    meant, words = axes_between(step, read, np.full((30, 3), 1e-3))
-    assert bool(words) is named
-    assert meant == pytest.approx(step if named else read)
-
-
-@pytest.mark.parametrize(
-    ('read', 'said'),
-    [
-        ((0, 1, 2), ''),
-        ((1, 0, 2), 'left-handed axes: its x, y, z are (y, x, z) as read'),
-        ((2, 0, 1), ''),  # a rotation
-    ],
-)
-def test_axes_are_named_in_the_order_they_are_read(read: tuple[int, ...], said: str) -> None:
-    step = np.random.default_rng(5).normal(size=(30, 3)) * [1.0, 2.0, 3.0]
-    noise = np.full((30, 3), 1e-3)
-    meant, words = axes_between(step, step[:, read], noise)
-    assert meant == pytest.approx(step)
-    assert words == said
-    turn, about = turn_between(step @ exp(np.array([0.0, 0.0, -0.5])), step, noise)
-    assert log(turn) == pytest.approx([0.0, 0.0, 0.5])
-    assert about == '29 degrees about (0.00, 0.00, 1.00)'
+def test_another_frame_on_the_base_is_named_by_where_it_is() -> None:
+    turned = other_frame_text(np.array([0.0, 0.0, -0.5 * np.pi, 0.1, 0.2, -0.3]), None)
+    assert 'turned by 90 degrees about (0, 0, 1) and (200, -100, 300) mm away relative to the base link: ' in turned
+    assert 'is (-30, 0, 0) mm away relative to' in other_frame_text(np.array([0.0, 0.01, 0.0, 0.03, 0.0, 0.0]), None)

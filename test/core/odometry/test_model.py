@@ -360,14 +360,6 @@ def test_the_noise_of_an_integrated_twist_is_that_of_its_way_and_of_its_mean_ove
     assert found.share == pytest.approx(shared / variance, rel=0.02)
     assert found.left == pytest.approx(np.var(mean) / variance - (shared / variance) ** 2, rel=0.02)
     assert found.replaces_twist.all()
-    # A twist that stays the same, of a base that is predicted to rest.
-    prediction = SimpleNamespace(**{name: 0.0 * value for name, value in vars(prediction).items()})
-    middle.base_twist[:], still = rng.normal(size=6), np.zeros((count + 1, windows, 6, 16))
-    rates = [np.zeros((windows, 6, 2))] * 2
-    moves = integrated_twist(stack, prediction, middle, still, point, by_readings=rates, stored=stored)
-    twist = middle.base_twist[0][:, [3, 4, 5, 0, 1, 2]]
-    assert moves.integral_value == pytest.approx(count * spacing * twist)
-    assert moves.mean_value == pytest.approx(np.mean(spacing * np.arange(count)) * twist)
     assert IntegratedTwist.none(windows, 17).white.shape == found.white.shape
 
 
