@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left, insort
-from collections import Counter, deque
+from collections import Counter, OrderedDict, deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -30,6 +30,7 @@ LATE = 'stamp before one that was already used'
 # A message that was this much late shows that others may be a little later still.
 _MARGIN = 1.5
 Stream = TypeVar('Stream', JointStream, BaseStream, ImuStream)
+_REMEMBERED = 20_000  # stamps of a topic, among which those of late copies are looked for
 LARGEST_BACKLOG = 100_000  # measurements of one stream waiting for the other: more are memory without an end
 Found = tuple[str, int, str]  # symptom, from which stamp on (ns), and in words
 _SKIPPED = 10  # intervals, before which the mean is not known
@@ -50,6 +51,12 @@ _AROUND = 6  # readings that a step is looked at with, before and after
 _BLOCK, _BLOCKS, _ENOUGH, _ALONG, _MOSTLY, _JITTER = 60, 200, 12, 0.7, 4.0, 1e-3
 _EVEN = 0.5  # of the usual interval, by which those of a block may differ from it
 _COARSE = 0.1  # share of readings that repeat: the scatter of coarse encoders grows with the rate as well
+# Part of the unevenness of stamps that readings follow: those that were measured then follow all of it, up to so many
+# standard deviations.
+_FOLLOWED, _SURELY = 0.5, 4.0
+_UNUSUAL, _LEAST_STEP = 20.0, 1e-3  # times the usual unevenness, and s at least, of a step of the stamps
+# Part of the readings of a block that is smooth by their number: a polynomial, by an orthonormal basis (_BLOCK, 6).
+_SMOOTH = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, _BLOCK), 6, increasing=True))[0]
 OFFSET, CLOCK, POSITION_LATE = 'time offset', 'clock drift', 'position late'
 _LARGEST_DRIFT = 0.01  # of time_offset.drift_std
 # s, late or early by 50 ms to half a second: less is within the prior of the time offset.
@@ -79,10 +86,16 @@ class Gate:
         self._first = 0  # ns, first stamp since the latest jump back
         self._ended = 0  # ns, of the times between jumps back
         self.epoch = 0
+        self._passed: OrderedDict[int, None] = (
+            OrderedDict()
+        )  # the latest stamps that passed since the latest jump back, in order
+        self._copied = False  # whether a copy came between messages that went on
         self.dropped: Counter[str] = Counter()
 
     def add(self, stamp: int, message: Any) -> int:
         """Add a message; return the size (ns) of a jump back in time before it, else 0.
+
+        Copies that come late between messages that go on are no jump.
 
         After a jump back, `messages` holds those before it; `confirm_jump` adds those after it.
         """
@@ -98,6 +111,7 @@ class Gate:
         if self._suspect is not None:
             self._drop_suspect()
         self.messages.append(message)
+        self._remember((stamp,))
         if newest is None:
             self._first = stamp
         if newest is None or stamp > newest:
@@ -122,6 +136,7 @@ class Gate:
         """Add messages that all pass according to `all_pass`, with their stamps (N,); some may be together."""
         if len(stamp):
             self.messages += messages
+            self._remember(stamp.tolist())
             self.newest = max(int(self._newest_before(stamp)[-1]), int(stamp[-1]))
 
     def confirm_jump(self, message: Any) -> None:
@@ -129,6 +144,12 @@ class Gate:
         if self._suspect is not None:
             self.messages += (self._suspect[1], message)
             self._suspect = None
+
+    def _remember(self, stamps: Sequence[int]) -> None:
+        """Keep stamps that passed, to know copies by."""
+        self._passed.update(dict.fromkeys(stamps))
+        while len(self._passed) > _REMEMBERED:
+            self._passed.popitem(last=False)
 
     def pop_all(self) -> list[Any]:
         """Return the messages that have passed and forget them."""
@@ -142,6 +163,9 @@ class Gate:
     def _far(self, stamp: int, message: Any, newest: int) -> int:
         """Add a message whose stamp is far from the newest; zero may be the begin of simulated time."""
         held = self._suspect
+        if self._copied and stamp in self._passed:
+            self.dropped[REPEATED] += 1
+            return 0
         if stamp == 0 and held is not None:
             self.dropped[ZERO_STAMP] += 1
             return 0
@@ -158,13 +182,16 @@ class Gate:
             self.newest = held[0]
             return self.add(stamp, message)
         self.epoch += 1
+        self._passed, self._copied = OrderedDict(), False
         self._ended, self._first = self.span, min(held[0], stamp)
         self.newest = max(held[0], stamp)
         return newest - held[0]
 
     def _drop_suspect(self) -> None:
         if self._suspect is not None:
-            self.dropped[STRAY_STAMP if self._suspect[0] else ZERO_STAMP] += 1
+            copied = self._suspect[0] in self._passed
+            self._copied |= copied
+            self.dropped[REPEATED if copied else STRAY_STAMP if self._suspect[0] else ZERO_STAMP] += 1
             self._suspect = None
 
 
@@ -258,6 +285,7 @@ class StampPattern:
         self._open: tuple[Stamps, Array] = self._stamp, self._position
         self._blocks: deque[Array] = deque(maxlen=_BLOCKS)
         self._repeated = self._number = 0  # readings in blocks that repeat, and all of them
+        self._uneven = UnevenStamps(what, noise)
         self._jitters = False
 
     def add(self, stamp: Stamps, position: Array) -> Iterator[Found]:
@@ -327,6 +355,7 @@ class StampPattern:
         self._open = stamp[whole:], position[whole:]
         for begin in range(0, whole, _BLOCK):
             own, time = position[begin : begin + _BLOCK], stamp[begin : begin + _BLOCK]
+            yield from self._uneven.add(time, own)
             interval = np.diff(time)
             if np.max(np.abs(interval - np.median(interval))) > _EVEN * np.median(interval):
                 continue  # readings are missing: differences between them are not those of a regular series
@@ -391,6 +420,85 @@ class StampPattern:
         moved = np.abs(position[place + 1] - position[place])
         plain = steady & (expected > _PLAIN * self._noise)
         return bool(np.any(plain)) and bool(np.all(moved[plain] < _MISSING * expected[plain]))
+
+
+class UnevenStamps:
+    """Compares blocks of readings with uneven stamps: those that were measured then are as uneven.
+
+    Parameters
+    ----------
+    what : the messages, in words
+    noise : standard deviation of the readings
+    """
+
+    def __init__(self, what: str, noise: float) -> None:
+        self._what, self._noise = what, noise
+        self._first: int | None = None
+        self._before: tuple[Stamps, Array] | None = None  # the block before
+        self._blocks: deque[Array] = deque(maxlen=_BLOCKS)  # as of `_unevenness`
+
+    def add(self, stamp: Stamps, position: Array) -> Iterator[Found]:
+        """Add a block (_BLOCK,), (_BLOCK, k) of readings; yield the faults of its stamps."""
+        self._first = int(stamp[0]) if self._first is None else self._first
+        self._blocks.append(_unevenness(stamp, position))
+        if len(self._blocks) >= _ENOUGH:
+            jitter = self._alone(np.sum(self._blocks, axis=0))
+            if jitter > _JITTER:
+                text = (
+                    f'the stamps of {self._what} jitter by {1e3 * jitter:.2g} ms, the readings do not: stamped on '
+                    'arrival, or rounded; stamp each reading when it is measured'
+                )
+                yield f'jitter: {self._what}', int(stamp[-1]), text
+        if self._before is not None:
+            joined = np.concatenate((self._before[0], stamp)), np.concatenate((self._before[1], position))
+            yield from self._steps(*joined)
+        self._before = stamp, position
+
+    def _alone(self, sums: Array) -> float:
+        """Return the s by which the stamps of blocks are uneven by their sums; 0 if the readings may be as well."""
+        number, uneven, squares, products, rest = sums.tolist()
+        if products >= _FOLLOWED * squares:
+            return 0.0
+        noise = max(float(np.sqrt(max(rest - products**2 / squares, 0.0) / number)), self._noise)
+        return float(np.sqrt(uneven / number)) if squares - products > _SURELY * noise * np.sqrt(squares) else 0.0
+
+    def _steps(self, stamp: Stamps, position: Array) -> Iterator[Found]:
+        """Yield a step of the stamps in the middle of two blocks, by a part of the intervals or a few of them."""
+        interval = np.diff(stamp)
+        usual = float(np.median(interval))
+        off = interval - usual
+        least = max(_UNUSUAL * float(np.median(np.abs(off))), _REGULAR * usual, 1e9 * _LEAST_STEP)
+        single = (np.abs(off) > least) & (interval >= _EVEN * usual) & (interval <= max(_STEP, _GAP * usual))
+        half = _BLOCK // 2
+        for place in half + np.flatnonzero(single[half : half + _BLOCK]):
+            around = slice(place + 1 - half, place + 1 + half)
+            others = np.delete(off[around.start : around.stop - 1], half - 1)
+            if np.max(np.abs(others)) < least and self._alone(_unevenness(stamp[around], position[around])):
+                text = (
+                    f'the stamps of {self._what} step by {1e-6 * float(off[place]):+.2g} ms at '
+                    f'{1e-9 * (int(stamp[place]) - (self._first or 0)):.1f} s, the readings do not: a clock was set; '
+                    'synchronise it by its rate'
+                )
+                yield f'step: {self._what}', int(stamp[around][-1]), text
+
+
+def _unevenness(stamp: Stamps, position: Array) -> Array:
+    """Return sums over a block: the number of readings, and squares and products of two parts that are not smooth.
+
+    They are how late stamps are, s^2; how far the readings would move by that, and how far they do.
+    """
+    time = 1e-9 * (stamp - stamp[0])
+    late = _rest(time[:, None], 2)
+    smooth = _SMOOTH @ (_SMOOTH.T @ position)
+    meant = _rest(np.gradient(smooth, axis=0) * late) * (_BLOCK - 1) / max(float(time[-1]), 1e-9)
+    read, columns = _rest(position), position.shape[1]
+    return np.array([position.size, columns * np.sum(late**2), np.sum(meant**2), np.sum(meant * read), np.sum(read**2)])
+
+
+def _rest(values: Array, numbers: int = 6) -> Array:
+    """Return values (_BLOCK, k) without what a polynomial of so many numbers fits."""
+    basis = _SMOOTH[:, :numbers]
+    return values - basis @ (basis.T @ values)
 
 
 @dataclass(frozen=True)

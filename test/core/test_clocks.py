@@ -18,6 +18,7 @@ from mbaid_ros.core.clocks import BAD_NANOSEC, POSITION_LATE, STRAY_STAMP, ZERO_
 from mbaid_ros.core.contracts import Motion, deviation_text
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joints.stream import NO_PARTNER, OFTEN, PARTNER_GAP, REDUNDANT, JointMerge, Joints
+from mbaid_ros.core.outliers import REPEATED
 from mbaid_ros.core.samples import NO_STAMP, JointStream, Samples, polynomial_fit, stamp_of, with_rates
 from mbaid_ros.simulation.simulation import Truth
 from observed import MID, configured_motion, observe, windows
@@ -53,6 +54,10 @@ def passed(stamps: list[float]) -> tuple[list[float], list[float], dict[str, int
         ([5.0, 0.0, 0.1, 0.2], [5.0, 0.0, 0.1, 0.2], [5.0], {}),
         ([5.0, 0.0, 2.0, 5.5], [5.0, 5.5], [], {ZERO_STAMP: 1, STRAY_STAMP: 1}),
         ([-3.0, -2.5], [-3.0, -2.5], [], {}),
+        # Copies two seconds late, up to the end; a bag that is played again after one; and one that is played again.
+        ([1.0, 2.0, 3.0, 1.0, 4.0, 1.5, 2.5], [1.0, 2.0, 3.0, 4.0, 1.5, 2.5], [2.5], {REPEATED: 1}),
+        ([1.0, 2.0, 3.0, 1.0, 4.0, 1.0, 2.0], [1.0, 2.0, 3.0, 4.0], [], {REPEATED: 3}),
+        ([1.0, 2.0, 3.0, 4.0, 1.0, 2.0, 3.0], [1.0, 2.0, 3.0, 4.0, 1.0, 2.0, 3.0], [3.0], {}),
     ],
 )
 def test_what_passes(stamps: list[float], kept: list[float], jumps: list[float], dropped: dict[str, int]) -> None:
@@ -297,3 +302,25 @@ def test_a_position_that_is_late_is_an_earlier_one_beside_its_orientation() -> N
     assert read[..., 0].tolist() == [[0.0, 0.0, 0.0, -3.0, -4.0, -5.0], [0.0, 0.0, 0.0, -9.0, -10.0, -11.0]]
     assert position_late(1e-4).measured('twist', motion) is None
     assert '+80 ms late against its orientation' in deviation_text(POSITION_LATE, np.array([0.08]))
+
+
+def test_stamps_of_late_copies_are_remembered_however_many_pass_at_once_and_forgotten_after_a_jump_back() -> None:
+    count = 20_500
+    stamps = np.arange(1, count + 1) * SECOND // 100
+    singly, together = Gate(SECOND), Gate(SECOND)
+    together.add(int(stamps[0]), 0)
+    together.add_regular(stamps[1:], stamps[1:].tolist())
+    for stamp in stamps.tolist():
+        singly.add(stamp, stamp)
+    newest = int(stamps[-1])
+    for gate in (singly, together):
+        for late in (count // 2, count // 2, count - 1):  # the last one is too late to be known
+            assert gate.add(int(stamps[-1 - late]), 0) == 0
+            assert gate.add(newest, 0) == 0
+        assert gate.dropped == {REPEATED: 2, STRAY_STAMP: 1}
+        assert gate.add(0, 0) == gate.add(newest, 0) == 0
+        assert [gate.add(each, 0) for each in (SECOND // 2, SECOND)] == [0, newest - SECOND // 2]
+        gate.confirm_jump(0)
+        # Those of the run before are no copies any more.
+        assert gate.add(newest, 0) == gate.add(SECOND + 1, 0) == 0
+        assert (gate.dropped[REPEATED], gate.dropped[STRAY_STAMP]) == (2, 2)

@@ -178,6 +178,42 @@ def test_readings_that_scatter_in_time(kind: str, unchanged: Unchanged) -> None:
     unchanged.values(found=found)
 
 
+@pytest.mark.parametrize(
+    ('kind', 'size', 'symptom'),
+    [
+        ('jitter', 3.0, 'jitter: the joint states'),
+        ('arrival', 1.5, 'jitter: the joint states'),
+        ('float32', 1.0, 'jitter: the joint states'),
+        ('jitter', 0.5, ''),
+        ('measured', 5.0, ''),
+        ('step', 2.0, 'step: the joint states'),
+        ('step', -3.0, 'step: the joint states'),
+        ('step', 0.5, ''),
+        ('paused', 5.0, ''),
+        ('lost', 1.0, ''),
+    ],
+)
+def test_uneven_stamps_are_named_where_the_readings_are_even(kind: str, size: float, symptom: str) -> None:
+    """By jitter, stamped on arrival or in float32; uneven readings, a clock that is set, and one reading lost."""
+    count, spacing, rng = 1000, 10_000_000, np.random.default_rng(4)
+    number = np.arange(count)
+    even: Stamps = START + spacing * number
+    late = {
+        'arrival': rng.exponential(abs(size), count),
+        'float32': 1e3 * np.asarray(1e5 + 0.01 * number, dtype=np.float32).astype(float) - 1e8 - 10.0 * number,
+        'step': size * (number > 500),
+        'paused': size * (number > 500),
+    }.get(kind, abs(size) * rng.uniform(-1.0, 1.0, count))
+    stamps = even + np.round(1e6 * late).astype(np.int64)
+    if kind == 'lost':
+        stamps = even = np.delete(even, 500)
+    read_at = stamps if kind in {'measured', 'paused'} else even
+    found = named(stamps, read(even, 1e-9 * (read_at - START))[1])
+    assert list(found) == [symptom] * bool(symptom)
+    assert found == named(stamps, read(even, 1e-9 * (read_at - START))[1], pieces=29)
+    assert all(f'{size:+.2g} ms' in text for _, text in found.values()) or kind != 'step'
+
+
 def test_readings_wait_half_as_long_again_as_one_was_late() -> None:
     """From then on, and no longer than the limit; one that is later than that is lost, and makes nothing wait."""
     for late, hold in ((10, 15), (39, 58), (40, 60), (41, 60), (60, 60), (61, 0)):
