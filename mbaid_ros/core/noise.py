@@ -79,6 +79,8 @@ _SLOWEST, _FIRST, _AT_FIRST = 0.2, 40, 100.0
 # s, and poses, after which differences separate errors that last from small ones; s, after which no run waits longer.
 _SETTLED, _READ, _PATIENCE = 4.0, 80, 10.0
 _NEVER = np.iinfo(np.int64).max
+_UNEVEN, _SELDOM = 0.02, 0.1  # part of a coarse encoder's step; share of changes that are no multiples of that
+_FEWEST_CHANGES = 10  # of a coarse encoder, from which its step is known
 
 
 @dataclass(frozen=True)
@@ -301,6 +303,38 @@ def median(values: Array) -> Array:
 def white_noise(values: Array, order: int) -> Array:
     """Return the standard deviations (n,) of white noise in the columns of (N, n), by differences of an order."""
     return median(np.abs(np.diff(values, order, axis=0))) / (_OF_NORMAL_SIZE * np.sqrt(comb(2 * order, order)))
+
+
+class LeastSteps:
+    """Follows columns of readings, and finds the step of those that change by its multiples, however these are cut.
+
+    Parameters
+    ----------
+    columns : number of them
+    """
+
+    def __init__(self, columns: int) -> None:
+        # By column until now: the least change; the number of changes, and of those that are no multiples of the least.
+        self._least = np.full(columns, np.inf)
+        self._changes = np.zeros((2, columns))
+
+    def add(self, values: Array, new: int) -> Array:
+        """Return the step until each of the latest readings, after the first; 0: they change by anything.
+
+        Parameters
+        ----------
+        values : (N, k), with those before
+        new : number of new ones
+        """
+        size = np.abs(np.diff(values, axis=0))[-new:]
+        changed = size > 0.0
+        least = np.minimum.accumulate(np.concatenate((self._least[None], np.where(changed, size, np.inf))))[1:]
+        times = np.where(changed, size, 0.0) / least
+        uneven = changed & (np.abs(times - np.round(times)) > _UNEVEN)
+        number = self._changes[:, None] + np.cumsum((changed, uneven), axis=1)
+        if len(size):
+            self._least, self._changes = least[-1], number[:, -1]
+        return np.where((number[0] >= _FEWEST_CHANGES) & (number[1] < _SELDOM * number[0]), least, 0.0)
 
 
 class FoundNoise:

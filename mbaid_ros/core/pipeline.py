@@ -18,7 +18,7 @@ from mbaid_ros.core.joints.faults import CHECKS, JointFaults, JointRates
 from mbaid_ros.core.joints.stream import joint_channels
 from mbaid_ros.core.links import impossible
 from mbaid_ros.core.noise import NoiseEstimator, NoiseLevels
-from mbaid_ros.core.odometry.faults import MILLIMETRES, PlanarPoses, twist_check
+from mbaid_ros.core.odometry.faults import MILLIMETRES, CoarsePositions, PlanarPoses, twist_check
 from mbaid_ros.core.odometry.stream import POSE, hermite
 from mbaid_ros.core.outliers import JOINT_OUTLIER, JOINTS_HELD, Flips, Outliers, Repeats
 from mbaid_ros.core.repair import Conversion, Repair
@@ -449,6 +449,7 @@ class PlainFaults:
         self._count = 0  # of these readings
         self._base = StampPattern('the poses of the base', _POSITION)
         self._plane = PlanarPoses(model)
+        self._coarse = CoarsePositions()
         self._zeros: int | None = 0  # poses at the begin; None once there are others
         self._found: dict[str, tuple[int, Reason]] = {}  # by symptom: from which stamp on (ns), and the reason
         text, repair = impossible(model)
@@ -478,6 +479,7 @@ class PlainFaults:
             self._name_all(self._base.add(base.stamp, np.concatenate((base.position, turns), axis=1)))
             self._begin(base)
             self._plane.add_poses(base)
+            self._name_all(self._coarse.add_poses(base))
         count = len(self._model.independent_joints)
         for kind in dict.fromkeys(kind for streams, _ in waiting for kind in streams):
             columns = [column for column, joint in enumerate(kind) if joint < count]

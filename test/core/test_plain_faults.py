@@ -341,13 +341,21 @@ def test_odometry_in_two_dimensions_of_a_robot_that_leaves_the_plane_is_named(
 @pytest.mark.parametrize('pieces', [1, 7])
 @pytest.mark.parametrize(
     ('same', 'listed'),
-    [('z', 'moves: z;'), ('xyz', 'moves: x, y, z;'), ('t', 'moves: roll and pitch;'), ('tr', 'orientation;'), ('', '')],
+    [
+        ('z', 'moves: z;'),
+        ('xyz', 'moves: x, y, z;'),
+        ('t', 'moves: roll and pitch;'),
+        ('tr', 'orientation;'),
+        ('r', 'moves: yaw;'),
+        ('', ''),
+    ],
 )
 def test_coordinates_that_never_change_are_named(pieces: int, same: str, listed: str) -> None:
     joints, count = motion(0), 3 * COUNT
     stamps, turn = SPACING * np.arange(count), 1e-4 * np.arange(count)[:, None]
     position = turn * [axis not in same for axis in 'xyz']
-    rotation = exp(turn * ['t' not in same, 't' not in same, 'r' not in same])
+    rolls, yaws = exp(turn * [True, False, False] * ('t' not in same)), exp(turn * [False, False, 'r' not in same])
+    rotation = yaws @ rolls
     faults = PlainFaults(robot('servicer7'), 1e-4)
     for piece in np.array_split(np.arange(count), pieces):
         poses = replace(_poses(position[piece], stamps[piece]), rotation=rotation[piece])
@@ -356,6 +364,30 @@ def test_coordinates_that_never_change_are_named(pieces: int, same: str, listed:
     found = faults.applied(Estimate('trajectory', 'estimating', 0.0, 10**18))
     assert found.status == 'estimating'
     assert [listed in text for text in found.warnings] == [True] * bool(same)
+
+
+@pytest.mark.parametrize('pieces', [1, 7])
+@pytest.mark.parametrize(
+    ('kind', 'named'),
+    [('float32', 'steps of 31 mm along x,'), ('rounded', 'steps of 10 mm along '), ('doubles', ''), ('slow', '')],
+)
+def test_positions_in_steps_are_named(pieces: int, kind: str, named: str) -> None:
+    """In float32 far from the origin, rounded, as they are, and of a tracker that is read more seldom."""
+    number, noise = np.arange(3 * COUNT), 1e-3 * np.random.default_rng(2).normal(size=(3 * COUNT, 3))
+    moved = np.column_stack((5e5 + 1e-3 * number, 0.2 * np.sin(0.01 * number), np.zeros(len(number))))
+    position = moved + noise * [1.0, 1.0, 0.0]
+    if kind == 'float32':
+        position = position.astype(np.float32).astype(float)
+    elif kind == 'rounded':
+        position = np.round(position, 2)
+    elif kind == 'slow':
+        position = moved[number // 10 * 10]
+    faults, rotation = PlainFaults(robot('servicer7'), 1e-4), exp(1e-4 * number[:, None] * np.ones(3))
+    rotation = rotation[number // 10 * 10] if kind == 'slow' else rotation
+    for piece in np.array_split(number, pieces):
+        poses = _poses(position[piece], SPACING * piece)
+        faults.add({}, replace(poses, rotation=rotation[piece]))
+    assert [named in text for text in faults.texts] == [True] * bool(named)
 
 
 @pytest.mark.parametrize(('axis', 'named'), [('1 0 0', False), ('0 1 0', False), ('0 0 1', True)])

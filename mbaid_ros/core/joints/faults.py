@@ -14,7 +14,7 @@ import numpy as np
 from mbaid_ros.core.contracts import Convention, converted
 from mbaid_ros.core.geometry import Array, Flags, Integers
 from mbaid_ros.core.joints.stream import position_steps
-from mbaid_ros.core.noise import white_noise
+from mbaid_ros.core.noise import LeastSteps, white_noise
 from mbaid_ros.core.repair import Conversion, Repair, Setting, widened
 from mbaid_ros.core.results.verdict import Reason, Severity
 from mbaid_ros.core.robot.model import RobotModel
@@ -44,7 +44,6 @@ _SPIKE = 50.0  # standard deviations, and times the motion over two readings, of
 _BETWEEN = 1.5  # times the interval before, that readings around one of another source are apart: else one is missing
 _LATEST = 3  # readings that are kept: a spike shows with those around it, and their intervals with the one before
 _STEP = 20.0  # standard deviations of a jump, or of a step after repeats: those of a coarse encoder are smaller
-_UNEVEN, _SELDOM = 0.02, 0.1  # part of a coarse encoder's step; share of changes that are no multiples of that
 _QUARTER = 0.5 * np.pi  # rad between two readings: of a half turn the direction is not known
 _AGREE = 1.0  # rad, that a wheel's step may differ from its velocity times the interval
 _ROUND, _TURNING = 6.2, 0.05  # rad, a turn but for a reading's step, and the least step of a wheel that turns on and on
@@ -249,9 +248,7 @@ class JointFaults:
         self._shown: dict[str, Integers] = {}  # by symptom, how many of each joint's readings show it
         self._range: tuple[Array, Array] | None = None
         self.rows, self.jumped = 0, np.zeros(len(joints))  # number and sum of `_View.jump` until now
-        # By joint until now: the least change; the number of changes, and of those that are no multiples of the least.
-        self._least = np.full(len(joints), np.inf)
-        self._changes = np.zeros((2, len(joints)))
+        self._steps = LeastSteps(len(joints))
 
     def add(self, stream: JointStream) -> Iterator[tuple[str, int, str, Repair | None]]:
         """Add readings; yield the symptoms that are frequent enough, each from the reading on that makes it so.
@@ -263,7 +260,7 @@ class JointFaults:
         low, high = self._range or (joined.position[0], joined.position[0])
         lowest = np.minimum(np.minimum.accumulate(joined.position), low)
         highest = np.maximum(np.maximum.accumulate(joined.position), high)
-        quantum, new = self._quantum(joined.position, len(stream.stamp)), len(stream.stamp)
+        quantum, new = self._steps.add(joined.position, len(stream.stamp)), len(stream.stamp)
         view = _View(self, joined.stamp, joined.position, joined.velocity, lowest, highest, quantum)
         for symptom, check in CHECKS.items():
             flags = check.shows(view)[-new:]
@@ -292,18 +289,6 @@ class JointFaults:
         self._count += new
         self.rows, self.jumped = self.rows + len(view.jump), self.jumped + np.sum(view.jump, axis=0)
         self._range, self._last = (lowest[-1], highest[-1]), joined[-_LATEST:]
-
-    def _quantum(self, position: Array, new: int) -> Array:
-        """Return the step of encoders that change by its multiples, until each of the latest readings; 0: by any."""
-        size = np.abs(np.diff(position, axis=0))[-new:]
-        changed = size > 0.0
-        least = np.minimum.accumulate(np.concatenate((self._least[None], np.where(changed, size, np.inf))))[1:]
-        times = np.where(changed, size, 0.0) / least
-        uneven = changed & (np.abs(times - np.round(times)) > _UNEVEN)
-        number = self._changes[:, None] + np.cumsum((changed, uneven), axis=1)
-        if len(size):
-            self._least, self._changes = least[-1], number[:, -1]
-        return np.where((number[0] >= _FEWEST) & (number[1] < _SELDOM * number[0]), least, 0.0)
 
 
 @dataclass(frozen=True)

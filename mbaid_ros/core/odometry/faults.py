@@ -22,6 +22,7 @@ from mbaid_ros.core.geometry import (
     rotate_back,
     rotation_from_quaternion,
 )
+from mbaid_ros.core.noise import LeastSteps
 from mbaid_ros.core.odometry.model import marker_text
 from mbaid_ros.core.repair import Conversion, Repair
 from mbaid_ros.core.results.verdict import Reason, Severity
@@ -36,7 +37,9 @@ _FEWEST_SAMPLES = 5  # samples of a window
 # which base and joint have moved before that counts; cosine of an upright axis.
 _FLAT, _MOVES_BY, _TURNS_BY, _UPRIGHT = 1e-6, 0.01, 0.2, 0.98
 _TILT = 'roll and pitch'
-_COORDINATES = ('x', 'y', 'z', _TILT, 'orientation')
+_COORDINATES = ('x', 'y', 'z', _TILT, 'yaw', 'orientation')
+# m, a step of positions that is no noise; share of the poses that change by it at most: of more it may be a velocity.
+_COARSE, _PART = 4e-3, 0.5
 _STILL = 10 * 10**9  # ns, that a coordinate stays the same after all else has moved: coarse ones change later
 _FEWEST_RATES, _KEPT_RATES = (
     8,
@@ -435,7 +438,8 @@ class PlanarPoses:
         tilt = np.abs(base.rotation[:, 2, :2])
         self._note('left', (away[:, 2] > _FLAT) | np.any(tilt > _FLAT, axis=1), base.stamp)
         tilted = np.abs(base.rotation[:, 2, :2] - self._rotation[2, :2]).max(axis=1)
-        for name, change in zip(_COORDINATES, (*away.T, tilted, turned), strict=True):
+        (x, y), (x0, y0) = base.rotation[:, :2, 0].T, self._rotation[:2, 0]
+        for name, change in zip(_COORDINATES, (*away.T, tilted, np.abs(x * y0 - y * x0), turned), strict=True):
             self._note(name, change > _FLAT, base.stamp)
         self._latest = max(self._latest, int(base.stamp[-1]))
 
@@ -466,12 +470,42 @@ class PlanarPoses:
             since = max(self._since['changed'], self._since['turned']) + _STILL
             same = [name for name in _COORDINATES if self._since.get(name, since + 1) > since]
             if same and self._latest >= since:
-                names = [name for name in same if name != _TILT or _COORDINATES[-1] not in same]
+                names = [name for name in same if name not in {_TILT, 'yaw'} or _COORDINATES[-1] not in same]
                 text = (
                     f'coordinates of the base never change, though {self._joint} moves: {listing(names)}; publish all '
                     'six as they are measured'
                 )
                 yield 'same', since, text
+
+
+class CoarsePositions:
+    """Follows raw positions, and finds axes that change by steps, as in float32 far from the origin."""
+
+    def __init__(self) -> None:
+        self._steps = LeastSteps(3)
+        self._last: BaseStream | None = None
+        self._new = 0  # poses that differ from the one before
+        self._changed = np.zeros(3)  # of these, those that differ along each axis
+
+    def add_poses(self, base: BaseStream) -> Iterator[tuple[str, int, str]]:
+        """Take poses in the order of arrival; yield the fault, from which stamp on (ns), and in words."""
+        joined = base if self._last is None else BaseStream.concatenate((self._last, base))
+        self._last = base[-1:]
+        step = self._steps.add(joined.position, len(base.stamp))
+        changed = np.diff(joined.position, axis=0) != 0.0
+        new = changed.any(axis=1) | (np.diff(joined.rotation, axis=0) != 0.0).any(axis=(1, 2))
+        number, changes = self._new + np.cumsum(new), self._changed + np.cumsum(changed, axis=0)
+        coarse = (step > _COARSE) & (changes < _PART * number[:, None])
+        if coarse.any():
+            row = int(np.argmax(coarse.any(axis=1)))
+            axes = listing(name for name, one in zip('xyz', coarse[row], strict=True) if one)
+            text = (
+                f'the position of the odometry changes in steps of {1e3 * np.max(step[row, coarse[row]]):.2g} mm along '
+                f'{axes}, as in float32 far from the origin: publish doubles, or positions about a nearer origin'
+            )
+            yield 'coarse', int(joined.stamp[row + 1]), text
+        if len(number):
+            self._new, self._changed = int(number[-1]), changes[-1]
 
 
 def mistaken_poses(kernel: MomentumKernel) -> Iterator[Convention]:
