@@ -125,6 +125,7 @@ def obstacles(session: Session, *, stuck: bool = True) -> list[str]:
             'imu.orientation is true, and no message on imu has one; accepted: a unit quaternion and a covariance '
             'that does not begin with -1 (REP 145)'
         )
+    found += _no_transform(session)
     found += _apart(session) if stuck else []
     stamps = intake.merge.newest
     if len(stamps) > 1 and not intake.merge.missing:
@@ -229,9 +230,29 @@ def _other_source(session: Session) -> str:
 
 
 def _wrong_child_frame(session: Session) -> str:
-    given = session.intake.odometry_reader.other_child_frame[:60]
-    links = listing(f"'{name}'" for name in _links_on_base(session))
-    return f"child_frame_id is '{given}'; accepted: {links}; or, with marker.position, any that is no link of the robot"
+    reader, links = session.intake.odometry_reader, _links_on_base(session)
+    given, parent = (each.lstrip('/')[:60] for each in (reader.other_child_frame, reader.other_parent_frame))
+    if parent in links:
+        return _turned_round(parent, given)
+    accepted = listing(f"'{name}'" for name in links)
+    return f"it is '{given}'; accepted: {accepted}; or, with marker.position, any that is no link of the robot"
+
+
+def _turned_round(parent: str, child: str) -> str:
+    others = f"'{child}' in '{parent}', parent and child turned round"
+    return f"it is the pose of {others}: publish that of '{parent}' in '{child}'"
+
+
+def _no_transform(session: Session) -> list[str]:
+    """Return that no transform so far is that of the base, with the frames of those that come."""
+    source, child = session.base_source, session.config.pose.tf_child_frame.lstrip('/')
+    if session.received[ODOMETRY] or not source.other_transforms:
+        return []
+    for parent, other in source.other_transforms:
+        if parent == child:
+            return [f"no transform to '{child}' (pose.tf_child_frame) comes: {_turned_round(parent, other)}"]
+    found = listing(f"'{parent}' to '{other}'" for parent, other in source.other_transforms)
+    return [f"no transform to '{child}' (pose.tf_child_frame) comes, only from {found}"]
 
 
 @dataclass(frozen=True)

@@ -161,7 +161,7 @@ def test_messages_that_cannot_be_used(talk: Talk) -> None:
         talk.send(odometry=change)
     causes = [
         'joints that are also in other messages',
-        "child_frame_id is 'gripper_base'; accepted: 'base_link'",
+        "it is 'gripper_base'; accepted: 'base_link'",
         'names and values differ in number',
         'NaN or infinite value',
         'orientation is not a unit quaternion',

@@ -140,6 +140,38 @@ def test_a_frame_that_is_not_on_the_base_is_refused() -> None:
     assert explain(session, [WRONG_CHILD_FRAME])[0].endswith('with marker.position, any that is no link of the robot')
 
 
+def turned_round(message: Any) -> TFMessage:
+    made = transform(message, 'world')
+    made.header.frame_id = 'base_link'
+    return TFMessage(transforms=[made])
+
+
+@pytest.mark.parametrize(
+    ('make', 'child', 'said'),
+    [
+        (
+            tf,
+            'base_link',
+            "no transform to 'base_link' (pose.tf_child_frame) comes, only from '{0}' to 'link1'",
+        ),
+        (
+            turned_round,
+            'base_link',
+            "no transform to 'base_link' (pose.tf_child_frame) comes: it is the pose of 'world'",
+        ),
+        (
+            turned_round,
+            'world',
+            "'world' in 'base_link', parent and child turned round: publish that of 'base_link' in",
+        ),
+    ],
+)
+def test_transforms_of_other_frames_are_named(make: Make, child: str, said: str) -> None:
+    session, found = taken(make, {'pose.tf_child_frame': child})
+    assert not found
+    assert said.format(_last_odometry().header.frame_id) in ' '.join(intake_warnings(session))
+
+
 @pytest.mark.parametrize(
     ('topic', 'make', 'parameters', 'inputs'),
     [

@@ -310,18 +310,26 @@ class PoseReader:
     ----------
     frame : name of the frame on the base that a PoseStamped locates; a transform locates its child frame
     tf_child : child frame of the transform that locates the base, which has one parent in a tree
+
+    Attributes
+    ----------
+    others : parent and child frames of transforms with other children, the first few
     """
 
     def __init__(self, frame: str, tf_child: str) -> None:
         self._frame = frame
         self._tf_child = tf_child.lstrip('/')
+        self.others: dict[tuple[str, str], None] = {}
 
     def read(self, message: Any) -> Iterator[BasePose]:
         """Yield the poses of a PoseStamped or one with covariance, of transforms, or of a QuaternionStamped."""
         if hasattr(message, 'transforms'):
             for each in message.transforms:
-                if each.child_frame_id.lstrip('/') == self._tf_child:
+                frames = each.header.frame_id.lstrip('/'), each.child_frame_id.lstrip('/')
+                if frames[1] == self._tf_child:
                     yield self._transform(each)
+                elif len(self.others) < _REMEMBERED:
+                    self.others[frames] = None
         elif hasattr(message, 'transform'):
             yield self._transform(message)
         elif hasattr(message, 'quaternion'):
@@ -398,6 +406,7 @@ class OdometryReader:
     ----------
     replaced : number of messages whose covariance was unusable
     frame, frames : frame_id of the latest message, and the first few of all
+    other_child_frame, other_parent_frame : child_frame_id and frame_id of the latest message of no frame on the base
     """
 
     def __init__(
@@ -414,7 +423,7 @@ class OdometryReader:
         self._inertial = twist_frame == 'inertial'
         self._pose_default = noise.pose_covariance()
         self._twist_default = noise.twist_covariance()
-        self.other_child_frame = ''
+        self.other_child_frame = self.other_parent_frame = ''
         self.frame = ''
         self.frames: list[str] = []
         self.replaced: Counter[str] = Counter()
@@ -461,7 +470,7 @@ class OdometryReader:
         for shape in sorted(places, key=lambda shape: places[shape][-1].stop):  # so that the last remains
             frame = self._frame(shape.child_frame_id)
             if frame is None:
-                self.other_child_frame = shape.child_frame_id
+                self.other_child_frame, self.other_parent_frame = shape.child_frame_id, shape.frame_id
                 dropped[WRONG_CHILD_FRAME] += sum(map(len, places[shape]))
             else:
                 self.frame = shape.frame_id
@@ -565,6 +574,7 @@ class BaseSource:
     Attributes
     ----------
     kind, dropped : of the source, None before the first message; number of messages of other sources
+    other_transforms : as `PoseReader.others`
 
     Parameters
     ----------
@@ -575,6 +585,7 @@ class BaseSource:
 
     def __init__(self, frame: str, child_frame: str, *, needed: bool) -> None:
         self._poses = PoseReader(frame, child_frame)
+        self.other_transforms = self._poses.others
         self._needed = needed
         self.kind: Source | None = 'tf' if child_frame else None
         self.dropped: Counter[str] = Counter()
