@@ -205,6 +205,7 @@ class Candidate:
     # Weight of its gain, and the part taken off it: a fault of a sensor explains nearly all that leaving it out does.
     weight: float = 1.0
     less: float = 0.0
+    whole: bool = False  # whether it is none where it leaves anything unexplained: its gain may be that of iterating
     # How a run takes it into account; or the label of the unknown that knows.
     repair: Repair | str | None = None
 
@@ -309,7 +310,8 @@ class CandidateCauses:
             other = replace(self.layout, kernel=fit.convention.kernel)
             passes, read = replace(self, layout=other).extended(*fit.convention.rest), fit.convention.windows(windows)
             part, repair = len(read) / len(windows), fit.convention.repair
-            yield Candidate(fit.convention.text, passes, read, fit.point(other), part=part, repair=repair)
+            whole, text = fit in small, fit.convention.text
+            yield Candidate(text, passes, read, fit.point(other), part=part, whole=whole, repair=repair)
 
     def _left_out(self, windows: Sequence[Window], wrong_twist: str) -> Iterator[Candidate]:
         """Yield windows without a wrong twist, or without those in which a joint stands still."""
@@ -376,7 +378,7 @@ class CandidateCauses:
             point = point_as_described(self.layout, candidate.windows)
             yield FITTED
         filtered = yield from attempted(candidate.passes.refined(candidate.windows, point, self.hypotheses[0]))
-        if filtered is None:
+        if filtered is None or (candidate.whole and not explains(filtered)):
             return []
         text = candidate.text if isinstance(candidate.text, str) else candidate.text(filtered)
         if text is None:

@@ -13,6 +13,7 @@ import pytest
 from checked import returned, some
 from mbaid_ros.core.contracts import UNDISTURBED, Hypothesis
 from mbaid_ros.core.diagnosis.isolation import (
+    Candidate,
     CandidateCause,
     CandidateCauses,
     FaultIsolation,
@@ -115,6 +116,22 @@ def test_the_conventions_that_fit_best_are_tried() -> None:
     assert [each.part for each in found] == [1.0, 0.5, 1.0, 1.0, 1.0]
     assert [len(each.windows) for each in found] == [10, 5, 10, 10, 10]
     assert [each.point[0] for each in found] == tried
+    assert [each.whole for each in found] == [False] * 4 + [True]
+
+
+@pytest.mark.parametrize(
+    ('whole', 'explained', 'gains'), [(True, True, [470.0]), (True, False, []), (False, False, [470.0])]
+)
+def test_a_small_change_that_leaves_something_unexplained_is_no_cause(
+    whole: bool, explained: bool, gains: list[float]
+) -> None:
+    passes: Any = SimpleNamespace(
+        refined=lambda *_: finished(passed(-30.0, explains=explained)), contradicting=lambda _: 0.0
+    )
+    point: Any = 'a point'
+    candidate = Candidate('the tensors', passes, windows(10), point, whole=whole)
+    found = returned(causes()._scored(candidate, passed(-500.0).gaussian, 0.0))
+    assert [each.gain for each in found] == gains
 
 
 def test_a_wrong_twist_and_joints_that_stand_still_are_left_out() -> None:
