@@ -446,7 +446,7 @@ class Searched(FaultIsolation):
     def __init__(self, run: dict[str, Any], since: int, count: int, result: IsolationResult | None = None) -> None:
         run, self.begun = dict(run), list[tuple[int, Any]]()
         tasks: Any = SimpleNamespace(cancel=lambda _: None, begin=self.begin, require=lambda _: self._accept(result))
-        candidates: Any = SimpleNamespace(isolate=self.isolate, layout=SimpleNamespace(size=7))
+        candidates: Any = SimpleNamespace(isolate=self.isolate, layout=SimpleNamespace(size=7), read_joints=())
         super().__init__(candidates, MID, tasks)
         self.checked: list[int] = []
         twist: Any = SimpleNamespace(add=self.checked.append, reason=lambda: SimpleNamespace(text='the twist is wrong'))
