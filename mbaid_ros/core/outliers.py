@@ -10,8 +10,8 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from mbaid_ros.core.geometry import Array, Flags, exp, log
-from mbaid_ros.core.samples import ArrayRecord, BaseStream, ImuStream, JointStream, Stamps
+from mbaid_ros.core.geometry import Array, Flags, exp, log, rotate
+from mbaid_ros.core.samples import ArrayRecord, BaseStream, ImuStream, JointStream, Stamps, block_std
 
 REPEATED = 'stamp repeated'
 REPEATED_POSE = 'pose repeated'
@@ -25,7 +25,13 @@ FLIPPED = 'orientation flipped faster than a robot turns'
 _FLIP, _FASTEST = 0.5, 3.0
 _LASTING = 500_000_000  # ns, from which another orientation is taken for the present one: single flips are shorter
 _SAME_TURN = 0.1  # rad, between flips to the same orientation
-_FITTED = 10  # readings, before and after a flip, that its turn is found from
+_FITTED = 10  # readings, before and after a flip or a jump, that its turn and way are found from
+# Standard deviations: of a step from one pose to the next less the motion, that is looked at; of a jump, in its own.
+_SUSPICIOUS, _CERTAIN_JUMP = 5.0, 6.0
+_LISTED = 5  # jumps whose times are listed
+_STANDS_OUT = 3.0  # times the largest misfit nearby: a motion that is no cubic is no jump
+_EVEN = 2.5  # times the median interval: longest between poses around a jump. After a gap motion explains what it hides
+_SLOWEST = 60_000_000  # ns, longest such interval without a twist: in longer ones an arm may start and stop
 _FAR = 7.0  # standard deviations that no noise reaches: of a vector, one in 10^10
 _AROUND = 4.0  # times the largest misfit nearby: a motion that begins or ends is no outlier
 _BEFORE, _AFTER = 4, 3  # poses around suspicious ones
@@ -63,6 +69,26 @@ def _joined(*parts: _ScoredReadings | None) -> _ScoredReadings:
     return _ScoredReadings.concatenate([part for part in parts if part is not None])
 
 
+class MisfitScale:
+    """Follows misfits of readings, and finds their size where the declared noise is too small."""
+
+    def __init__(self) -> None:
+        self._misfits: Array | None = None  # (_LATEST, c), the latest
+
+    def of_next(self, misfit: Array, declared: Array, quartile: Array) -> Array:
+        """Return the size (N, c) of misfits (N, c), each from the lower quartile of those before it, or as declared.
+
+        The first ones have no more than the declared noise. An outlier is in three misfits: the median of a few with
+        many of them would be one of theirs.
+        """
+        if self._misfits is None:
+            self._misfits = np.repeat(_UNDERSTATED * declared[:1] * quartile, _LATEST, axis=0)
+        joined = np.concatenate((self._misfits, misfit))
+        self._misfits = joined[-_LATEST:]
+        before = sliding_window_view(joined[:-1], _LATEST, axis=0)
+        return np.maximum(declared, np.partition(before, _LATEST // 4, axis=2)[..., _LATEST // 4] / quartile)
+
+
 class Outliers(Generic[Stream]):
     """Passes readings on, in order, without single outliers.
 
@@ -82,7 +108,7 @@ class Outliers(Generic[Stream]):
         self._near = min(maximum_gap, _NEAR)
         self._channels = channels
         self._cause = cause
-        self._misfits: Array | None = None  # (_LATEST, c), the latest
+        self._scale = MisfitScale()
         self.by_channel: Counter[int] = Counter()
         self._last: Stream | None = None  # the latest two
         self._passed: _ScoredReadings | None = None  # the latest that were passed on
@@ -128,21 +154,8 @@ class Outliers(Generic[Stream]):
         self._last = joined[-2:]
         declared = np.concatenate([channels.declared(stream) for channels in self._channels], axis=1)
         quartiles = [channels.quartile for channels in self._channels]
-        scale = np.maximum(declared, self._scale(misfit, declared, np.repeat(quartiles, [x.shape[1] for x in columns])))
+        scale = self._scale.of_next(misfit, declared, np.repeat(quartiles, [x.shape[1] for x in columns]))
         return _ScoredReadings(stream, np.any(misfit > _FAR * scale, axis=1), scale)
-
-    def _scale(self, misfit: Array, declared: Array, quartile: Array) -> Array:
-        """Return the size (N, c) of misfits (N, c), each from the lower quartile of those before it.
-
-        The first ones have no more than the declared noise. An outlier is in three misfits: the median of a few with
-        many of them would be one of theirs.
-        """
-        if self._misfits is None:
-            self._misfits = np.repeat(_UNDERSTATED * declared[:1] * quartile, _LATEST, axis=0)
-        joined = np.concatenate((self._misfits, misfit))
-        self._misfits = joined[-_LATEST:]
-        before = sliding_window_view(joined[:-1], _LATEST, axis=0)
-        return np.asarray(np.partition(before, _LATEST // 4, axis=2)[..., _LATEST // 4] / quartile)
 
     def _decide(self, judged: _ScoredReadings, begin: int) -> tuple[list[int], int]:
         """Return the readings that pass, with those before `begin`, and the first one that has to wait."""
@@ -330,6 +343,178 @@ def _rotation_at(readings: BaseStream, stamp: int) -> Array:
 
 def _leaps_to(before: BaseStream, after: BaseStream) -> bool:
     return bool(_leaps(before.rotation, after.rotation, after.stamp - before.stamp)[0])
+
+
+class FrameJump(NamedTuple):
+    """A jump of the frame in which poses are measured."""
+
+    stamp: int  # ns, of the first pose after it
+    size: Array  # (2,) of the displacement of the base, m, and of its turn, rad
+    variance: Array  # (2,) of each component of the turn, rad^2, and of the displacement, m^2
+    clear: tuple[bool, bool]  # whether the displacement, and whether the turn is more than noise
+
+
+class FrameJumps:
+    """Passes poses on in the frame of the first ones, where a map is corrected and they jump once and stay.
+
+    Motion explains no step between two poses beside smooth ones: a push changes the velocity, and the pose is
+    continuous. A step after a gap is not looked at, nor one that few poses follow.
+
+    Attributes
+    ----------
+    found : all jumps
+    """
+
+    def __init__(self) -> None:
+        self._scale = MisfitScale()
+        self._last: BaseStream | None = None  # the latest two
+        self._before: BaseStream | None = None  # the latest that were passed on since the latest jump
+        self._waiting: BaseStream | None = None  # from a suspicious one on
+        self._suspicious: Flags = np.zeros(0, dtype=bool)  # of these
+        # From the present frame to that of the first ones.
+        self._turn: Array = np.eye(3)
+        self._shift: Array = np.zeros(3)
+        self.found: list[FrameJump] = []
+
+    def push(self, stream: BaseStream | None) -> BaseStream | None:
+        """Add poses in the order of their stamps; return those passed on, None if there are none."""
+        if stream is None or not len(stream.stamp):
+            return None
+        flags: Flags = self._score(stream)
+        if self._waiting is not None:
+            stream = BaseStream.concatenate((self._waiting, stream))
+            flags = np.concatenate((self._suspicious, flags))
+        parts, begin, end = [], 0, len(stream.stamp)
+        for place in np.flatnonzero(flags).tolist():
+            if not flags[place]:
+                continue
+            if len(stream.stamp) < place + _FITTED:
+                end = place
+                break
+            self._keep(stream[begin:place])
+            parts.append(self._in_first_frame(stream[begin:place]))
+            begin, jump = place, self._jump(stream[place : place + _FITTED])
+            if jump is not None:
+                self.found.append(jump)
+                self._before = None
+                flags[place + 1] = False  # the way before it led elsewhere
+        self._keep(stream[begin:end])
+        parts.append(self._in_first_frame(stream[begin:end]))
+        self._waiting, self._suspicious = (stream[end:], flags[end:]) if end < len(flags) else (None, flags[:0])
+        passed = BaseStream.concatenate(parts)
+        return passed if len(passed.stamp) else None
+
+    def variances(self, stamps: Stamps) -> Array:
+        """Return the variances (N, 2), rad^2 and m^2, of all corrections of the frame up to stamps (N,), ns."""
+        total = np.zeros((len(stamps), 2))
+        for jump in self.found:
+            total[stamps >= jump.stamp] += jump.variance
+        return total
+
+    def text(self, until: int, origin: int) -> str:
+        """Return the jumps up to a stamp (ns) in words, with times since an origin (ns); empty if there are none."""
+        jumps = [jump for jump in self.found if jump.stamp <= until]
+        if not jumps:
+            return ''
+        seconds = [f'{1e-9 * (jump.stamp - origin):.1f}' for jump in jumps]
+        how, frames = (
+            f'{_size(jumps)} at {seconds[0]} s, as by a correction of the map',
+            'a new frame of the odometry begins',
+        )
+        if len(jumps) > 1:
+            when = f'at {", ".join(seconds[:-1])} and' if len(jumps) <= _LISTED else f'{len(jumps)} times until'
+            how = f'up to {_size(jumps)} {when} {seconds[-1]} s, as by corrections of the map'
+            frames = 'each time a new frame of the odometry begins'
+        return f'the poses of the base jump by {how}: {frames}; publish the odometry without such corrections'
+
+    def _score(self, stream: BaseStream) -> Flags:
+        """Return which readings are a step away from the one before that neither their twist nor that before shows."""
+        joined = stream if self._last is None else BaseStream.concatenate((self._last, stream))
+        self._last = joined[-2:]
+        step = 1e-9 * np.diff(joined.stamp)[:, None]
+        rotation, velocity = joined.rotation, np.stack((joined.linear_velocity, joined.angular_velocity))
+        back = np.swapaxes(rotation[:-1], -1, -2)
+        steps = np.stack((np.diff(joined.position, axis=0), log(back @ rotation[1:])))
+        by_twist = 0.5 * step * (velocity[:, 1:] + velocity[:, :-1])
+        by_twist[1] = rotate(back, by_twist[1])
+        ratio = step[1:] / step[:-1]
+        known: Flags = np.asarray(np.all(np.isfinite(by_twist[:, 1:]), axis=2))
+        away = steps[:, 1:] - np.where(known[..., None], by_twist[:, 1:], ratio * steps[:, :-1])
+        noise = np.where(known, np.sqrt(2.0), np.sqrt(1.0 + (1.0 + ratio[:, 0]) ** 2 + ratio[:, 0] ** 2))
+        after_two = (np.sqrt(np.sum(away**2, axis=2)) / noise).T
+        misfit = np.concatenate((np.zeros((2, 2)), after_two))[-len(stream.stamp) :]
+        scale = self._scale.of_next(misfit, block_std(stream.pose_covariance), np.array(_QUARTILE_OF_THREE))
+        return np.asarray(np.any(misfit > _SUSPICIOUS * scale, axis=1))
+
+    def _jump(self, after: BaseStream) -> FrameJump | None:
+        """Return the jump between the poses that were passed on and those after them, and correct these; None if none.
+
+        Both follow one cubic, less the integral of the twist, whose slope may change at once, and its value by the
+        jump. That has to exceed its noise, and what a changed velocity moves the base by from one pose to the next.
+        """
+        if self._before is None or len(self._before.stamp) < _FITTED:
+            return None
+        readings = BaseStream.concatenate((self._before, after))
+        apart, first = np.diff(readings.stamp), readings.rotation[_FITTED - 1]
+        velocity = np.concatenate((readings.linear_velocity, readings.angular_velocity @ first), axis=1)
+        with_twist = bool(np.isfinite(velocity).all())
+        if apart.max() > min(_EVEN * float(np.median(apart)), _NEAR if with_twist else _SLOWEST):
+            return None
+        length = 1e-9 * apart[_FITTED - 1]
+        time = 1e-9 * (readings.stamp - readings.stamp[_FITTED - 1]) - 0.5 * length
+        origin = readings.position[_FITTED - 1]
+        way = np.concatenate((readings.position - origin, log(first.T @ readings.rotation)), axis=1)
+        steeper = np.zeros(6)
+        if with_twist:
+            moved = np.cumsum(0.5e-9 * apart[:, None] * (velocity[1:] + velocity[:-1]), axis=0)
+            moved = np.concatenate((np.zeros((1, 6)), moved))
+            way -= moved - 0.5 * (moved[_FITTED - 1] + moved[_FITTED])
+            steeper = np.abs(velocity[_FITTED] - velocity[_FITTED - 1])
+        columns = np.stack((time**0, time, time**2, time**3, np.maximum(time, 0.0), time > 0.0), axis=1)
+        solve = np.linalg.pinv(columns)
+        start, _, _, _, kink, jump = solve @ way
+        left = np.sum((way - columns @ (solve @ way)).reshape(-1, 2, 3) ** 2, axis=2)
+        deviation = np.sqrt(np.sum(left, axis=0) / (3.0 * (len(time) - len(solve))))
+        deviation = np.fmax(block_std(readings.pose_covariance[_FITTED - 1 : _FITTED + 1]).max(axis=0), deviation)
+        deviation *= np.sqrt(np.sum(solve[-1] ** 2))
+        sizes, slopes, changes = (np.sqrt(np.sum(each.reshape(2, 3) ** 2, axis=1)) for each in (jump, kink, steeper))
+        least = np.maximum(_CERTAIN_JUMP * deviation, _STANDS_OUT * np.sqrt(left.max(axis=0)))
+        clear = sizes > least + length * (slopes + changes)
+        if not np.any(clear):
+            return None
+        turn = first @ jump[3:]
+        place = origin + start[:3]
+        back = self._turn @ exp(turn).T
+        self._shift = self._shift + self._turn @ place - back @ (place + jump[:3])
+        self._turn = back
+        variance = np.nan_to_num(deviation**2 + (length * slopes) ** 2 / 12.0)
+        return FrameJump(int(after.stamp[0]), sizes, variance[::-1], (bool(clear[0]), bool(clear[1])))
+
+    def _keep(self, passed: BaseStream) -> None:
+        joined = passed if self._before is None else BaseStream.concatenate((self._before, passed))
+        self._before = joined[-_FITTED:]
+
+    def _in_first_frame(self, stream: BaseStream) -> BaseStream:
+        if not self.found:
+            return stream
+        turn = np.broadcast_to(self._turn, stream.rotation.shape)
+        both = np.zeros((len(turn), 6, 6))
+        both[:, :3, :3] = both[:, 3:, 3:] = turn
+        return replace(
+            stream,
+            position=rotate(turn, stream.position) + self._shift,
+            rotation=turn @ stream.rotation,
+            linear_velocity=rotate(turn, stream.linear_velocity),
+            angular_velocity=rotate(turn, stream.angular_velocity),
+            pose_covariance=both @ stream.pose_covariance @ np.swapaxes(both, -1, -2),
+        )
+
+
+def _size(jumps: Sequence[FrameJump]) -> str:
+    """Return the largest displacement and turn of jumps, in words."""
+    step, turn = np.max([np.where(jump.clear, jump.size, 0.0) for jump in jumps], axis=0)
+    parts = [f'{float(f"{1e3 * step:.2g}"):g} mm'] if step else []
+    return ' and '.join([*parts, *([f'{np.degrees(turn):.2g} degrees'] if turn else [])])
 
 
 class Copies(Generic[Stream]):

@@ -20,7 +20,7 @@ from mbaid_ros.core.links import impossible
 from mbaid_ros.core.noise import NoiseEstimator, NoiseLevels
 from mbaid_ros.core.odometry.faults import MILLIMETRES, CoarsePositions, PlanarPoses, twist_check
 from mbaid_ros.core.odometry.stream import POSE, hermite
-from mbaid_ros.core.outliers import JOINT_OUTLIER, JOINTS_HELD, Flips, Outliers, Repeats
+from mbaid_ros.core.outliers import JOINT_OUTLIER, JOINTS_HELD, Flips, FrameJumps, Outliers, Repeats
 from mbaid_ros.core.repair import Conversion, Repair
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.results.verdict import Reason, Severity, notes, with_reasons
@@ -92,6 +92,7 @@ class Synchroniser:
         self._newest: dict[type, int] = {}  # latest stamp of each stream, used up or not
         self._repeats = Repeats[BaseStream](POSE)
         self.flips = Flips()
+        self.jumps = FrameJumps()
         self._outliers = Outliers[BaseStream](self._maximum_gap, POSE)
         joints = joint_channels(_TYPICAL_NOISE if noise is None else noise.joint_position)
         self._held = Repeats[JointStream](joints, JOINTS_HELD, together=True)
@@ -141,6 +142,9 @@ class Synchroniser:
         if new is not None and self._view is not None:
             new = self._view(new)
         new = self._outliers.push(self.flips.push(new))
+        # A frame that turns by itself has no constant correction, and other sensors' poses may be in the corrected one.
+        if self._view is None and len(self._gyros) == len(self._followers):
+            new = self.jumps.push(new)
         self._base = self._append(self._base, new)
         if self._noise is not None:
             self._noise.add_readings(joints, new)
@@ -222,6 +226,8 @@ class Synchroniser:
             self._origin = int(joints.stamp[0])
         time = (joints.stamp - self._origin) * 1e-9
         samples = replace(hermite(joints, base, (left, right), self._maximum_gap, time, shared), apart=apart)
+        if self.jumps.found:
+            samples = replace(samples, frame=self.jumps.variances(joints.stamp))
         for name in ('further', 'readings'):
             columns = [each.columns(samples, joints.stamp) for each in self._followers.values() if each.field == name]
             if columns:
@@ -418,6 +424,8 @@ class Identifier:
         """Return the notes on the data up to the end of a window, s: none of later windows in the same call."""
         levels = self._levels.get(time)
         texts = [] if levels is None else levels.warnings
+        jumps = self.synchroniser.jumps.text(self.origin + round(1e9 * time), self.origin)
+        texts = [jumps, *texts] if jumps else texts
         reasons = notes([*texts, *(text for text, since in self._notes.items() if since <= time)])
         if levels is not None and levels.in_another_unit:
             meant = converted(MILLIMETRES, Conversion(scale=1e-3))

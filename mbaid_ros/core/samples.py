@@ -161,9 +161,14 @@ class Samples(ArrayRecord):
     # (N, 3) estimated standard deviations of joint positions and velocities, and correlation time of the poses' errors
     # (s); (N, 0) where they are as declared
     noise: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    # (N, 2) variance of a component of all corrections so far by which the poses are in the frame of the first ones: of
+    # their turn, rad^2, and of their displacement at the base, m^2; zeros where the poses do not jump
+    frame: Array = field(default_factory=lambda: np.zeros((0, 2)))
 
     def __post_init__(self) -> None:
         """Fill in the defaults."""
+        if len(self.frame) != len(self.time):
+            object.__setattr__(self, 'frame', np.zeros((len(self.time), 2)))
         if len(self.impulse) != len(self.time):
             object.__setattr__(self, 'impulse', np.zeros((len(self.time), 6)))
         if len(self.apart) != len(self.time):

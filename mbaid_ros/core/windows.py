@@ -437,6 +437,8 @@ class Window:
     after_gap: bool  # whether a gap (or the start) comes before it
     origin: Array = field(default_factory=lambda: np.zeros(3))  # (3,) m, of the run in the odometry frame
     gap: float = 0.0  # s from the end of the window before to its start
+    # (2,) variance of a component of the turn, rad^2, and of the displacement, m^2, of the poses' correction since then
+    frame: Array = field(default_factory=lambda: np.zeros(2))
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -591,6 +593,8 @@ class KnotAveraging:
         self._kept: Knots | None = None  # of the last two windows of the call before
         self._linked = 0  # number of windows without a gap up to the last, at most three
         self._latest: WindowNoise | None = None  # of the last of them
+        self._frame: Array = np.zeros(2)  # variances of the poses' corrections, at the end of the latest window
+        self._frame_at_end: Array = np.zeros(2)  # the same of the last window that had all its neighbours
         self._lowest: Array = np.array(np.inf)
         self._highest: Array = np.array(-np.inf)
         self._moved = False
@@ -612,7 +616,8 @@ class KnotAveraging:
         averaged = []
         each = zip(numbers, window_noises(windows, self._noise), *extremes, strict=True)
         for place, (number, noise, lowest, highest) in enumerate(each, start=len(knots) // count - len(windows)):
-            ready, still_open = self._collect(knots, empty, place, number, noise)
+            frames = windows[place - len(knots) // count + len(windows)].frame
+            ready, still_open = self._collect(knots, empty, place, number, noise, frames)
             if self._linked and not self._moved:
                 self._lowest, self._highest = np.minimum(self._lowest, lowest), np.maximum(self._highest, highest)
                 self._moved = bool(np.any(self._highest - self._lowest > _MOVED * noise.joint_position))
@@ -629,29 +634,31 @@ class KnotAveraging:
         return Knots.concatenate(parts)
 
     def _collect(
-        self, knots: Knots, empty: list[bool], place: int, number: int, noise_now: WindowNoise
+        self, knots: Knots, empty: list[bool], place: int, number: int, noise_now: WindowNoise, frames: Array
     ) -> tuple[Window | None, Window | None]:
         """Return the window before the one at `place` among the knots, now with all its neighbours, and that window.
 
         Parameters
         ----------
         knots, empty : of this window and those around it, and which are empty
-        place, number, noise_now : of the window among these, and in the run; its noise
+        place, number, noise_now, frames : of the window among these, and in the run; its noise; `frame` of its samples
         """
         count = self._knots_per_window
         begin, end = place * count, (place + 1) * count
         gap = any(empty[begin:end]) and any(one and other for one, other in pairwise(empty[begin:end]))
-        if gap or number != self._number + 1 or (self._linked and empty[begin - 1] and empty[begin]):
+        jumped = not np.array_equal(frames[0], frames[-1])  # the poses, within the window
+        moved = jumped or not np.array_equal(frames[0], self._frame)
+        if gap or moved or number != self._number + 1 or (self._linked and empty[begin - 1] and empty[begin]):
             self._linked = 0  # a gap: only momentum and body carry over
-        self._number = number
-        if gap or (empty[begin] and not self._linked):
+        self._number, self._frame = number, frames[-1]
+        if gap or jumped or (empty[begin] and not self._linked):
             return None, None
         self._linked = min(self._linked + 1, 3)
         noise, self._latest = self._latest, noise_now
         ready = None
         if self._linked > 1 and noise is not None:
             ready = self._window(knots, empty, place - 1, AFTER, noise)
-            self._end = ready.start + ready.length
+            self._end, self._frame_at_end = ready.start + ready.length, self._frame
         still_open = None if empty[end - 1] else self._window(knots, empty, place, 0, noise_now)
         return ready, still_open
 
@@ -679,6 +686,7 @@ class KnotAveraging:
             after_gap=not earlier,
             origin=self.origin,
             gap=0.0 if earlier or self._end is None else start - self._end,
+            frame=np.zeros(2) if earlier or self._end is None else self._frame - self._frame_at_end,
         )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
 from dataclasses import fields, replace
 from itertools import pairwise
 
@@ -9,7 +11,7 @@ import numpy as np
 import pytest
 
 from checked import some
-from mbaid_ros.core.geometry import Array, Flags, exp
+from mbaid_ros.core.geometry import Array, Flags, exp, log
 from mbaid_ros.core.joints.stream import JointMerge, joint_channels
 from mbaid_ros.core.odometry.stream import POSE
 from mbaid_ros.core.outliers import (
@@ -20,6 +22,7 @@ from mbaid_ros.core.outliers import (
     REPEATED_POSE,
     Copies,
     Flips,
+    FrameJumps,
     Outliers,
     Repeats,
     _leaps,
@@ -344,3 +347,164 @@ def test_a_turn_is_a_leap_where_no_robot_turns_as_fast(apart: float, largest: fl
     begin = exp(np.array([[0.3, -0.4, 0.5]] * 2))
     assert _leaps(begin, turned @ begin, stamps).tolist() == [False, True]
     assert not _leaps(begin, turned @ begin, stamps + 2_000_000_000).any()
+
+
+def smooth(count: int, seed: int, spacing: float, *, twist: bool) -> BaseStream:
+    """Return poses with noise, s apart, with an exact twist or none."""
+    base = base_stream(1_700_000_000_000_000_000 + np.round(1e9 * spacing * np.arange(count)).astype(np.int64))
+    declared = np.diag(np.repeat([POSITION, ORIENTATION], 3) ** 2)
+    rng = np.random.default_rng(seed)
+    unknown = np.full((count, 3), np.nan)
+    return replace(
+        base,
+        position=base.position + POSITION * rng.normal(size=(count, 3)),
+        rotation=exp(ORIENTATION * rng.normal(size=(count, 3))) @ base.rotation,
+        linear_velocity=base.linear_velocity if twist else unknown,
+        angular_velocity=base.angular_velocity if twist else unknown,
+        pose_covariance=np.repeat(declared[None], count, axis=0),
+    )
+
+
+def map_corrected(base: BaseStream, first: int, turn: Array, step: Array) -> BaseStream:
+    """Return poses of which those from one on are in a map turned (rad) about the base and displaced (m) there."""
+    after = np.arange(len(base.stamp)) >= first
+    turned: Array = exp(turn)
+    place = base.position[first]
+    moved = replace(
+        base,
+        position=place + step + (base.position - place) @ turned.T,
+        rotation=turned @ base.rotation,
+        linear_velocity=base.linear_velocity @ turned.T,
+        angular_velocity=base.angular_velocity @ turned.T,
+    )
+    return BaseStream.concatenate([base[~after], moved[after]])
+
+
+def in_first_frame(base: BaseStream, cuts: list[int] | None = None) -> tuple[BaseStream, FrameJumps]:
+    jumps = FrameJumps()
+    parts = [jumps.push(piece(base, begin, end)) for begin, end in pairwise([0, *(cuts or []), len(base.stamp)])]
+    return BaseStream.concatenate([part for part in parts if part is not None]), jumps
+
+
+AXIS = np.array([2.0, -1.0, 2.0]) / 3.0
+
+
+@pytest.mark.parametrize('twist', [True, False])
+@pytest.mark.parametrize('spacing', [0.01, 1.0 / 30.0])
+@pytest.mark.parametrize(
+    ('step', 'degrees', 'text'),
+    [
+        (0.02, 0.0, r'by \d\d mm at 1.2 s'),
+        (0.2, 0.0, r'by [12]\d\d mm at 1.2 s'),
+        (0.0, 2.0, r'by 2 degrees at 1.2 s'),
+        (0.12, 2.1, r'by 1\d\d mm and 2.1 degrees at 1.2 s'),
+    ],
+)
+def test_poses_after_a_correction_of_the_map_are_read_in_the_first_frame(
+    step: float, degrees: float, text: str, spacing: float, twist: bool
+) -> None:
+    """A second later they are as far away as the error of the correction turns and moves them."""
+    first = round(1.2 / spacing)
+    base = smooth(2 * first, 5, spacing, twist=twist)
+    found, jumps = in_first_frame(map_corrected(base, first, np.radians(degrees) * AXIS, step * AXIS[::-1]))
+    (jump,) = jumps.found
+    assert jump.stamp == base.stamp[first]
+    assert re.search(text, jumps.text(jump.stamp, int(base.stamp[0])))
+    assert not jumps.text(jump.stamp - 1, int(base.stamp[0]))
+    np.testing.assert_array_equal(found.stamp, base.stamp)
+    np.testing.assert_array_equal(found.position[:first], base.position[:first])
+    turn, displacement = np.sqrt(jump.variance)
+    assert turn < 3.0 * ORIENTATION  # of ten poses on either side
+    assert displacement < 3.0 * POSITION
+    np.testing.assert_allclose(found.rotation, base.rotation, atol=4.0 * turn)
+    away = np.max(np.abs(base.position[first:] - base.position[first]))
+    np.testing.assert_allclose(found.position, base.position, atol=4.0 * (displacement + turn * away))
+    if twist:
+        np.testing.assert_allclose(found.angular_velocity, base.angular_velocity, atol=10.0 * turn)
+
+
+@pytest.mark.parametrize('twist', [True, False])
+def test_the_error_of_a_correction_is_as_large_as_expected(twist: bool) -> None:
+    squares = []
+    for seed in range(60):
+        base = smooth(60, seed, 0.01, twist=twist)
+        found, jumps = in_first_frame(map_corrected(base, 30, 0.05 * AXIS, 0.1 * AXIS))
+        (jump,) = jumps.found
+        errors = log(found.rotation[30] @ base.rotation[30].T), found.position[30] - base.position[30]
+        squares.append(np.mean(np.square(errors), axis=1) / jump.variance)
+    assert np.mean(squares, axis=0) == pytest.approx([1.0, 1.0], abs=0.4)
+
+
+@pytest.mark.parametrize('twist', [True, False])
+def test_three_corrections_of_a_map_however_the_calls_are_cut(twist: bool) -> None:
+    base = smooth(400, 8, 0.01, twist=twist)
+    read = base
+    for first, step, degrees in ((50, 0.05, 1.0), (190, 0.2, 0.0), (300, 0.02, 5.0)):
+        read = map_corrected(read, first, np.radians(degrees) * AXIS, step * AXIS[::-1])
+    found, jumps = in_first_frame(read)
+    assert [jump.stamp for jump in jumps.found] == base.stamp[[50, 190, 300]].tolist()
+    assert 'jump by up to 200 mm and 5 degrees at 0.5, 1.9 and 3.0 s' in jumps.text(2**62, int(base.stamp[0]))
+    np.testing.assert_allclose(found.rotation, base.rotation, atol=2e-3)
+    variances = jumps.variances(base.stamp)
+    assert not variances[:50].any()
+    assert np.all(np.diff(variances[[49, 50, 189, 190, 299, 300]], axis=0)[::2] > 0.0)
+    for cuts in ([50], [190, 300], [51, 55, 191, 192, 305], list(range(1, 400))):
+        again, _ = in_first_frame(read, cuts)
+        for item in fields(BaseStream):
+            np.testing.assert_array_equal(getattr(again, item.name), getattr(found, item.name))
+
+
+def pushed(base: BaseStream, first: int) -> BaseStream:
+    """Return poses of a base that a contact pushes: 0.3 m/s and 0.1 rad/s more from one instant on."""
+    time = 1e-9 * (base.stamp - base.stamp[first])
+    after = np.where(time > 0.0, time, 0.0)[:, None]
+    faster = (time > 0.0)[:, None]
+    return replace(
+        base,
+        position=base.position + 0.3 * after * AXIS,
+        rotation=exp(0.1 * after * AXIS) @ base.rotation,
+        linear_velocity=base.linear_velocity + 0.3 * faster * AXIS,
+        angular_velocity=base.angular_velocity + 0.1 * faster * AXIS,
+    )
+
+
+NO_JUMPS: dict[str, Callable[[BaseStream], BaseStream]] = {
+    'noise': lambda base: base,
+    'a contact': lambda base: pushed(base, 150),
+    'a thrust pulse of 50 ms': lambda base: pushed(pushed(pushed(base, 150), 152), 155),
+    'a gap': lambda base: base[np.abs(np.arange(300) - 150) > 8],
+    'a gap and a jump': lambda base: map_corrected(base, 150, 0.05 * AXIS, 0.1 * AXIS)[
+        np.abs(np.arange(300) - 150) > 8
+    ],
+    'single poses lost': lambda base: base[np.arange(300) % 7 > 0],
+    'a few deviations': lambda base: map_corrected(base, 150, 3.0 * ORIENTATION * AXIS, 3.0 * POSITION * AXIS),
+    'five poses elsewhere': lambda base: map_corrected(
+        map_corrected(base, 150, 0.05 * AXIS, 0.1 * AXIS), 155, -0.05 * AXIS, -0.1 * AXIS
+    ),
+    'a jump in the first readings': lambda base: map_corrected(base, 5, 0.05 * AXIS, 0.1 * AXIS),
+    'no position': lambda base: replace(
+        base, position=0.0 * base.position, pose_covariance=np.where(np.eye(6) > 0.5, np.nan, base.pose_covariance)
+    ),
+}
+
+
+@pytest.mark.parametrize('twist', [True, False])
+@pytest.mark.parametrize('spacing', [0.01, 1.0 / 30.0])
+@pytest.mark.parametrize('what', NO_JUMPS)
+def test_what_is_no_jump_passes_to_the_bit(what: str, spacing: float, twist: bool) -> None:
+    for seed in range(4):
+        read = NO_JUMPS[what](smooth(300, seed, spacing, twist=twist))
+        found, jumps = in_first_frame(read)
+        assert not jumps.found
+        for item in fields(BaseStream):
+            np.testing.assert_array_equal(getattr(found, item.name), getattr(read, item.name))
+
+
+def test_orientations_alone_jump_as_well() -> None:
+    base = NO_JUMPS['no position'](smooth(300, 3, 0.01, twist=False))
+    covariance = np.where(np.arange(6) > 2, ORIENTATION**2, np.nan) * np.where(np.eye(6) > 0.5, 1.0, 0.0)
+    base = replace(base, pose_covariance=np.tile(covariance, (300, 1, 1)))
+    found, jumps = in_first_frame(map_corrected(base, 150, 0.05 * AXIS, np.zeros(3)))
+    assert 'by 2.9 degrees at' in jumps.text(2**62, 0)
+    assert jumps.found[0].variance[1] == 0.0
+    np.testing.assert_allclose(found.rotation, base.rotation, atol=1e-3)

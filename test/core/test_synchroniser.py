@@ -200,3 +200,18 @@ def test_a_sample_at_a_limit_opens_the_next_window(length: float) -> None:
     per_window = round(length / 0.1)
     assert [len(window) for window in cut] == [per_window] * (140 // per_window)
     assert [round(window.time[0] / length, 6) for window in cut] == list(range(len(cut)))
+
+
+def test_poses_that_jump_begin_a_new_frame_unless_their_frame_turns() -> None:
+    stamps = every(10.0, 200)
+    base, joints = base_stream(stamps), joint_stream(stamps)
+    after = np.arange(200)[:, None] >= 90
+    jumping = replace(base, position=base.position + 0.3 * after)
+    whole = Synchroniser(0.2)
+    samples = some(whole.push(joints, jumping))
+    np.testing.assert_allclose(samples.base_position, base.position, atol=1e-3)
+    assert np.all(np.any(samples.frame > 0.0, axis=1) == after[:, 0])
+    np.testing.assert_array_equal(some(Synchroniser(0.2, lambda each: each).push(joints, jumping)).frame, 0.0)
+    pieces = Synchroniser(0.2)
+    parts = [pieces.push(joints[place : place + 30], jumping[place : place + 30]) for place in range(0, 200, 30)]
+    assert same(Samples.concatenate([part for part in parts if part is not None]), samples)

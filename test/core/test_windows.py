@@ -77,6 +77,25 @@ def test_the_latest_window_is_there_without_its_successor(samples: Samples) -> N
     assert after_gap == [*whole[:3], None, None, (2.5, 1.0, ALONE), *whole[6:]]
 
 
+@pytest.mark.parametrize('at_once', [100, 1, 3])
+@pytest.mark.parametrize(
+    ('jump', 'ready'),
+    [
+        (1.72, [*WHOLE[:2], (2.0, 1.0, FIRST), *WHOLE[5:]]),  # within a window, which is left out
+        (2.0, [*WHOLE[:3], (2.0, 0.5, FIRST), *WHOLE[5:]]),  # between two
+    ],
+)
+def test_windows_begin_anew_after_poses_that_jump(
+    samples: Samples, jump: float, at_once: int, ready: list[Made]
+) -> None:
+    frame = np.where(samples.time[:, None] >= jump - 1e-9, [4e-8, 9e-6], 0.0)
+    found = [each.ready for each in averaged(replace(samples, frame=frame), at_once=at_once)]
+    assert [each for window in found if (each := made(window))] == ready
+    for window in found:
+        moved = window is not None and window.start == 2.0
+        np.testing.assert_array_equal(np.zeros(2) if window is None else window.frame, [4e-8 * moved, 9e-6 * moved])
+
+
 def test_a_joint_has_moved_once_it_leaves_its_noise(samples: Samples) -> None:
     """By ten standard deviations: before, windows of a robot at rest go by without a solution."""
     still = replace(samples, joint_position=np.tile(samples.joint_position[:1], (len(samples), 1)))

@@ -47,6 +47,7 @@ HARMLESS: dict[str, tuple[Defect, dict[str, object]]] = {
     'another frame on the base': (defects.of_marker(PLACE, QUATERNION, 'tracking_marker'), MARKER),
     'no joint velocities': (changed(JOINTS, defects.no_rates), {}),
     'no twist': (changed(ODOMETRY, defects.no_twist), {}),
+    'a map that is corrected three times': (changed(ODOMETRY, defects.map_corrected), {}),
 }
 
 
@@ -88,6 +89,21 @@ def test_how_the_calls_are_spread_makes_no_difference(defect: str) -> None:
         assert np.array_equal(first_columns(pieces), first_columns(whole))
         assert [estimate.warnings for estimate in pieces] == [estimate.warnings for estimate in whole]
         assert other.dropped == session.dropped
+
+
+@pytest.mark.parametrize('twist', [True, False])
+def test_corrections_of_a_map_are_named_as_such(twist: bool) -> None:
+    """No thrust pulse, and no other body, is seen in them."""
+    messages = changed(ODOMETRY, defects.map_corrected)(
+        clean() if twist else changed(ODOMETRY, defects.no_twist)(clean())
+    )
+    found, _ = estimates(ROBOT, messages)
+    jumps = [[text for text in each.warnings if 'the poses of the base jump' in text] for each in found]
+    assert [len(each) for each in jumps] == [int(each.time > 3.2) for each in found]
+    assert 'by up to 190 mm and 5.2 degrees at 3.2, 6.4 and 9.0 s, as by corrections of the map' in jumps[-1][0]
+    assert found[-1].status in {'estimating', 'converged'}
+    assert not found[-1].events
+    assert not found[-1].causes
 
 
 @pytest.mark.parametrize('at_once', [1_000_000, 7])

@@ -11,7 +11,7 @@ from scipy.linalg.lapack import dgeqrf
 from mbaid_ros.core.contracts import Axes, Hypothesis
 from mbaid_ros.core.filter.gaussian import BiasSeparatedRoot, SquareRootInformation, identity, upper_ones
 from mbaid_ros.core.filter.linearise import WhitenedWindow
-from mbaid_ros.core.geometry import Array, Integers
+from mbaid_ros.core.geometry import Array, Integers, cross, skew
 from mbaid_ros.core.state import MOMENTUM, POSE, Variables
 from mbaid_ros.core.windows import Window
 
@@ -132,7 +132,8 @@ def at_window_start(
 ) -> SquareRootInformation:
     """Return the Gaussian at the start of a window; with an unknown pose error where the chain was broken before it.
 
-    Constant forces and the walks of a hypothesis act on through a gap.
+    Constant forces and the walks of a hypothesis act on through a gap. Where poses have been corrected to the frame of
+    the first ones, momentum and poses go on in frames that differ by the error of that.
     """
     if not window.after_gap:
         return gaussian
@@ -145,6 +146,8 @@ def at_window_start(
         right[:, 2:] -= root.triangle[:, variables.pose_size : variables.moving] @ np.concatenate(acting, axis=1)
         gaussian = replace(gaussian, conditional=replace(root, right=right))
     after = pose_reset(gaussian, variables, change)
+    if window.frame.any():
+        after = with_process_noise(after, _frame_noise(gaussian, window, variables))
     if window.gap and hypothesis.random_walk.size:
         walked = variables.from_state[: variables.moving, :12] @ hypothesis.random_walk
         after = with_process_noise(after, np.sqrt(window.gap) * walked)
@@ -172,6 +175,22 @@ def pose_reset(
     if variables.gap_change.shape[1]:
         root = _with_random_walk(root, variables.gap_change, len(variables.scale))
     return _with_rows(gaussian, _processes_redrawn(root, variables, change))
+
+
+def _frame_noise(gaussian: SquareRootInformation, window: Window, variables: Variables) -> Array:
+    """Return a factor (h, 6) of the noise of the momentum by a correction of the poses before a window.
+
+    An error (theta, rho) at the base turns P and L_b, and moves the base.
+    """
+    begin = window.inside.start
+    mean = variables.to_state[MOMENTUM] @ gaussian.least_squares[: len(variables.scale)] + window.knots.impulse[begin]
+    linear, place = mean[:3], window.knots.base_position[begin]
+    change = np.zeros((12, 6))
+    of_linear, of_angular = change[MOMENTUM][:3], change[MOMENTUM][3:]
+    of_linear[:, :3] = -skew(linear)
+    of_angular[:, :3] = -skew(mean[3:] - cross(place, linear)) - skew(place) @ skew(linear)
+    of_angular[:, 3:] = -skew(linear)
+    return np.asarray(variables.from_state[: variables.moving, :12] @ (change * np.repeat(np.sqrt(window.frame), 3)))
 
 
 def new_motion(gaussian: SquareRootInformation, variables: Variables) -> SquareRootInformation:

@@ -19,7 +19,7 @@ from mbaid_ros.core.filter.time_update import (
     momentum_inflation,
     pose_reset,
 )
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.state import ANGULAR, LINEAR, Variables
 from mbaid_ros.core.windows import AFTER, BEFORE
 from windowed import STATE, UNKNOWNS, covariance_of, joint_window, prepare, variables, window
@@ -217,3 +217,37 @@ def test_a_hypothesis_walks_on_in_a_gap() -> None:
     more = 3.0 * hypothesis.random_walk @ hypothesis.random_walk.T
     moved = covariance_of(after, space) - covariance_of(still, space)
     assert moved[6:12, 6:12] == pytest.approx(more[6:12, 6:12], rel=1e-6, abs=1e-6)
+
+
+def in_another_frame(momentum: Array, place: Array, error: Array) -> Array:
+    """Return (P, L) where poses of a base at a place are turned there by an error (rad), and displaced by it (m)."""
+    turned, linear = exp(error[:3]), momentum[:3]
+    about_base = turned @ (momentum[3:] - np.cross(place, linear))
+    return np.concatenate((turned @ linear, about_base + np.cross(place + error[3:], turned @ linear)))
+
+
+def test_the_error_of_a_correction_of_the_poses_turns_and_moves_the_momentum() -> None:
+    space, white, before = walking(9)
+    place, thrust, frame = (
+        np.array([0.7, -0.4, 1.1]),
+        np.array([0.3, 0.1, -0.2, 0.5, -0.6, 0.2]),
+        np.array([0.04, 0.09]),
+    )
+    coming = joint_window(np.zeros((BEFORE + 10 + AFTER, 2)), 0.0)
+    count = len(coming.knots)
+    knots = replace(coming.knots, base_position=np.tile(place, (count, 1)), impulse=np.tile(thrust, (count, 1)))
+    coming = replace(coming, knots=knots, after_gap=True)
+    still, after = (
+        at_window_start(before, replace(coming, frame=each), white, space, UNDISTURBED) for each in (np.zeros(2), frame)
+    )
+    momentum = space.to_state[6:12] @ before.least_squares[:STATE] + thrust
+    assert np.linalg.norm(momentum) > 0.5
+    slopes = [
+        (in_another_frame(momentum, place, each) - in_another_frame(momentum, place, -each)) / 2e-5
+        for each in 1e-5 * np.eye(6)
+    ]
+    factor = np.transpose(slopes) * np.repeat(np.sqrt(frame), 3)
+    more: Array = np.zeros((STATE, STATE))
+    more[6:12, 6:12] = factor @ factor.T
+    assert covariance_of(after, space) == pytest.approx(covariance_of(still, space) + more, rel=1e-6, abs=1e-6)
+    assert after.least_squares == pytest.approx(still.least_squares, rel=1e-8, abs=1e-8)
