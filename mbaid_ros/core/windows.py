@@ -668,8 +668,8 @@ class KnotAveraging:
         earlier = self._linked > (2 if after else 1)
         begin, end = place * count, (place + 1) * count + after
         first = begin - BEFORE if earlier else begin
-        # An empty knot is bridged from both sides: drop one at an outer end.
-        if earlier and empty[first]:
+        # An empty knot is bridged from both sides: drop one at an outer end. None is at the start after a gap.
+        if empty[first]:
             first += 1
         if after and empty[end - 1]:
             end -= 1

@@ -168,6 +168,26 @@ def test_estimates_wait_for_poses_of_a_body_that_settles(
     assert made._waits_for_poses([latest]) is waits
 
 
+def test_a_run_begins_once_with_the_first_windows_after_the_margin() -> None:
+    """However the windows are cut into calls; none is given to the method before."""
+    made: Any = announced()
+    every, begun, given = pieces(), list[Any](), list[Any]()
+
+    def begin(later: list[Samples], _origin: int) -> None:
+        begun.append([float(window.time[0]) for window in later])
+        made._begun = True
+
+    def update(later: list[Samples], _origin: int) -> list[Estimate]:
+        given.append(len(later))
+        return []
+
+    made._begin, made._waits_for_poses, made._method = begin, lambda _: False, SimpleNamespace(update=update)
+    for part in (every[:1], every[15:17], every[17:19], every[19:22]):
+        made.update(part, 0)
+    assert begun == [[BEGIN + 0.5, BEGIN + 1.0]]
+    assert given == [2, 3]
+
+
 @pytest.mark.parametrize(
     ('since', 'kind', 'momentum'), [(60.0, 'step', 30.0), (11.2, 'step', np.nan), (0.0, 'ramp', np.nan)]
 )

@@ -7,6 +7,7 @@ import pytest
 
 from checked import generic
 from linear_problems import EQUATIONS, TRUE, UNKNOWNS, linear_blocks, noisy_blocks
+from mbaid_ros.core import difference_solver
 from mbaid_ros.core.difference import Conservation, momentum_jumps, noise_covariance
 from mbaid_ros.core.difference_solver import (
     Blocks,
@@ -187,3 +188,53 @@ def test_innovations_that_noise_does_not_explain() -> None:
     assert test.mean == pytest.approx(4.0, abs=1.0)
     # Louder everywhere is no jump.
     assert test.jump is None
+
+
+def test_a_jump_that_the_momentum_itself_explains_is_none() -> None:
+    """Where no window before it shows the momentum, rounding alone distinguishes the two."""
+    blocks = linear_blocks(20, 4)
+    rows = blocks.rows.copy()
+    rows[:10, :, MOMENTUM] = 0.0
+    window, _ = after_tests(Blocks(1e5 * rows, 1e5 * blocks.offset, blocks.noise, blocks.noise_rows), 20)
+    falls, changes = momentum_jumps(window, MOMENTUM, noise_covariance(window.linear.information))
+    assert np.all(falls >= 0.0)
+    assert changes[9] == pytest.approx(np.zeros(2), abs=1e-3)
+
+
+def test_total_least_squares_explain_equations_and_a_prior_by_the_smallest_errors() -> None:
+    blocks, information, right_side = noisy_blocks(10, 5), np.diag([5.0, 20.0, 10.0, 15.0]), 10.0 * generic(3, UNKNOWNS)
+    found = NormalSums(blocks, TRUE).total_least_squares(information, right_side)
+    noise = blocks.noise + blocks.noise_rows @ TRUE
+    white = np.linalg.inv(np.linalg.cholesky(noise @ np.swapaxes(noise, 1, 2)))
+
+    def quotient(x: Array) -> float:
+        errors = white @ (blocks.noise + blocks.noise_rows @ x)
+        residuals = (white @ (blocks.rows @ x + blocks.offset)[..., None])[..., 0]
+        explained = np.sum(residuals**2) + x @ information @ x - 2.0 * right_side @ x
+        return float(explained / np.sum(errors**2))
+
+    rng = np.random.default_rng(0)
+    for size in (1e-3, 1e-1, 10.0):
+        assert all(quotient(found) < quotient(found + size * rng.normal(size=UNKNOWNS)) for _ in range(20))
+
+
+@pytest.mark.parametrize(('windows', 'length'), [(17, 30), (18, 30), (17, 5), (18, 5)])
+def test_a_last_solution_is_started_from_if_it_explains_enough_equations(
+    windows: int, length: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """More than 50 of them beyond the unknowns, those of windows that have left included."""
+    likelihood, searched = slid(linear_blocks(windows, 6), length), list[int]()
+    likelihood.x = last = maximum(linear_blocks(windows, 6))
+
+    def search(blocks: Blocks, *_: Array) -> list[Array]:
+        searched.append(len(blocks))
+        return []
+
+    monkeypatch.setattr(difference_solver, 'first_solutions', search)
+    likelihood.windows.linearise(np.ones(UNKNOWNS))
+    likelihood._start()
+    assert np.array_equal(likelihood.windows.x, last)
+    assert len(searched) == (windows < 18)
+    likelihood.x = last + 5.0 * np.eye(UNKNOWNS)[0]  # explains nothing
+    likelihood._start()
+    assert len(searched) == (windows < 18) + 1

@@ -113,8 +113,8 @@ def test_late_commands_count_from_then_on() -> None:
     assert not in_time.late
 
 
-def commands(thrust: Thrust, *wrenches: Array) -> str:
-    for index in range(90):
+def commands(thrust: Thrust, *wrenches: Array, count: int = 90) -> str:
+    for index in range(count):
         thrust.add_command('base_link', ns(1.0 + 0.02 * index), wrenches[index % len(wrenches)], None)
     return thrust.shared
 
@@ -123,6 +123,8 @@ def test_two_publishers_of_one_frame_are_reported() -> None:
     force, torque = FORCE_TORQUE * [1, 1, 1, 0, 0, 0], FORCE_TORQUE * [0, 0, 0, 1, 1, 1]
     assert commands(thrust_of(), force, torque) == 'base_link'
     assert commands(thrust_of(), *[force] * 5, torque) == 'base_link'  # at another rate
+    assert commands(thrust_of(), force, torque, count=11) == ''  # nine of each between two of the other
+    assert commands(thrust_of(), force, torque, count=12) == 'base_link'
     assert commands(thrust_of(), force, ZERO) == ''  # pulses
     assert commands(thrust_of(), force, FORCE_TORQUE) == ''
     assert commands(thrust_of(), *[force] * 10, *[torque] * 10) == ''  # one that does the one and then the other

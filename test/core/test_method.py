@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,16 +12,22 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from checked import some
+from benchmarks.appendages import PANELS, with_panels
+from checked import generic, some
 from floating import errors, follow, normalised, true_momentum
 from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
+from mbaid_ros.core.contracts import UNDISTURBED, Axes
 from mbaid_ros.core.filter.posterior import Continuation
-from mbaid_ros.core.method import forces
+from mbaid_ros.core.filter.run import FIRST
+from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.method import TrajectoryEstimator, TrajectorySettings, _point_of, forces, jumps
 from mbaid_ros.core.pipeline import Estimator
-from mbaid_ros.core.results.estimate import Estimate
-from mbaid_ros.core.robot.momentum import MomentumKernel
+from mbaid_ros.core.results.estimate import PULSE, SYMPTOM, Estimate
+from mbaid_ros.core.robot.body import standard
+from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.momentum import MomentumKernel, Springs
 from mbaid_ros.core.samples import Samples, SensorNoise
-from mbaid_ros.core.state import Declared
+from mbaid_ros.core.state import MOMENTUM, Declared, Layout
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.parameters import build, values_of
 from mbaid_ros.session.continuation import continuation_as_json, read_continuation
@@ -232,3 +239,165 @@ def test_runs_that_add_up_are_as_sure_as_they_say() -> None:
         begun.update(first, 0)
         found.append(nees(made(left_by(begun))[0].update(second, 0)[-1], true_body(kernel)))
     assert 30.0 < sum(found) < 110.0, found
+
+
+@dataclass(frozen=True)
+class Following:
+    """Variables of a run, with a target that is tracked or without."""
+
+    tracked: object
+
+
+def about(momentum: Array, origin: Array) -> Array:
+    """Return a momentum (6,) about a point, from that about the odometry's origin."""
+    return np.concatenate((momentum[:3], momentum[3:] - np.cross(origin, momentum[:3])))
+
+
+def test_a_start_is_before_known_thrust_and_about_the_run_s_origin() -> None:
+    """Moments of inertia that a planar motion leaves open are the largest known one, all else that is open zero."""
+    layout = Layout.from_unknowns(kernel('servicer7'), ())
+    momentum, thrust, origin, body = generic(0, 6), generic(1, 6), generic(2, 3), true_body(layout.kernel)
+    whole = Estimate('', 'estimating', parameters=body, identifiable=np.ones(10, dtype=bool), momentum=momentum)
+    for estimate in (whole, whole.after_thrust(thrust)):
+        point = _point_of(estimate, layout, origin)
+        assert point.parameters == pytest.approx(np.concatenate((about(momentum, origin), standard(body))))
+    planar = np.isin(np.arange(10), [0, 1, 2, 9])
+    open_ones = np.where(np.arange(6) % 2 == 0, momentum, np.nan)
+    part = Estimate(
+        '', 'estimating', parameters=np.where(planar, body, np.nan), identifiable=planar, momentum=open_ones
+    )
+    ball = np.array([*body[:3], 0.0, body[9], 0.0, 0.0, body[9], 0.0, body[9]])
+    expected = np.concatenate((about(np.nan_to_num(open_ones), origin), standard(ball)))
+    assert _point_of(part, layout, origin).parameters == pytest.approx(expected)
+
+
+@pytest.mark.parametrize('count', [0, 3, 4])
+def test_jumps_are_changes_that_no_constant_force_explains(count: int) -> None:
+    """About the odometry's origin, and pulses unless there are too many."""
+    force, start, sizes, origin = generic(0, 6), generic(1, 6), generic(2, 4, 6)[:count], generic(3, 3)
+    times = 2.0 + 1.5 * np.arange(count)
+    made: Any = [
+        SimpleNamespace(time=time, before=start + time * force + sizes[:place].sum(axis=0), force_impulse=time)
+        for place, time in enumerate(times)
+    ]
+    mean = np.zeros(MOMENTUM.stop)
+    mean[MOMENTUM] = start + 11.0 * force + sizes.sum(axis=0)
+    distribution: Any = SimpleNamespace(mean=mean, impulse_of_force=lambda seconds: seconds * force)
+    filtered: Any = SimpleNamespace(jumps=made, force_impulse=11.0)
+    found = jumps(filtered, distribution, origin)
+    assert [each.time for each in found] == times.tolist()
+    assert {each.cause for each in found} == ({PULSE if count < 4 else SYMPTOM} if count else set())
+    for event, size in zip(found, sizes, strict=True):
+        assert about(np.concatenate((event.linear, event.angular)), origin) == pytest.approx(size)
+
+
+@pytest.mark.parametrize(
+    ('axes', 'size', 'reported'),
+    [('none', 9.0, False), ('inertial', 2.5, False), ('inertial', 2.6, True), ('body', 9.0, True)],
+)
+def test_a_constant_force_is_reported_if_it_is_significant(axes: Axes, size: float, *, reported: bool) -> None:
+    """By a chance of one in a million: a chi-square of 38.3 of six numbers, 2.53 standard deviations of each."""
+    factor = generic(0, 6, 6)
+    force = size * factor @ np.ones(6)
+    filtered: Any = SimpleNamespace(hypothesis=SimpleNamespace(force=axes))
+    numbers = {'gaussian': SimpleNamespace(size=26), 'variables': SimpleNamespace(scale=np.ones(20))}
+    distribution: Any = SimpleNamespace(force=force, force_factor=factor, **numbers)
+    found = forces(filtered, distribution)
+    assert [(each.kind, each.time) for each in found] == [('ramp', 0.0)] * reported
+    for event in found:
+        assert np.concatenate((event.linear, event.angular)) == pytest.approx(force)
+
+
+@pytest.mark.parametrize(
+    ('name', 'before', 'planar'),
+    [('table1', None, True), ('table1', True, True), ('table1', False, False), ('servicer7', None, False)],
+)
+def test_a_run_is_planar_where_the_robot_and_the_run_before_are(name: str, before: bool | None, planar: bool) -> None:
+    earlier: Any = None if before is None else SimpleNamespace(planar=before)
+    unknowns: Any = tuple(SimpleNamespace(tilt=tilt) for tilt in (0.0, 0.02, 0.01))
+    settings = TrajectorySettings(MID, 0.5, 20, Declared(unknowns), (UNDISTURBED,), before=earlier)
+    reporting: Any = None
+    plane = TrajectoryEstimator(kernel(name), settings, reporting)._plane
+    assert plane.planar is planar
+    assert plane._tilt == 0.02  # of that which may be tilted most
+
+
+def test_passive_joints_are_as_declared_where_unresolved_or_between_base_and_target() -> None:
+    model = load_model(with_panels())
+    joints = (*(model.joint_names.index(name) for name in PANELS), model.joint_names.index('joint3'))
+    declared = Springs(joints, np.full(3, 2.0), np.full(3, 0.01), np.zeros((2, 3)))
+    layout = Layout.from_unknowns(MomentumKernel(model, 'link7').with_springs(declared), ())
+    run: Any = SimpleNamespace(resolved=np.array([True, False, True]), deflections=np.zeros((3, 3)))
+    size = layout.size
+    distribution: Any = SimpleNamespace(mean=np.zeros(size), unknowns_covariance=np.zeros((0, 0)))
+    method: Any = SimpleNamespace(_layout=layout)
+    found = TrajectoryEstimator._flexible(method, run, distribution)
+    assert [each.resolved for each in found] == [True, False, False]
+
+
+@pytest.mark.parametrize(
+    ('now', 'expected'),
+    [
+        ({}, 'run'),
+        ({'contradicts': True}, 'all, without the target'),
+        ({'moved': 2 * FIRST}, 'all, without the target'),  # it leads nowhere with it
+        ({'moved': 2 * FIRST - 1}, 'run'),
+        ({'moved': FIRST, 'grasp_known': True}, 'all, without the target'),
+        ({'moved': 2 * FIRST, 'converged': True}, 'run'),
+        ({'tracked': False, 'contradicts': True, 'moved': 2 * FIRST}, 'run'),
+        ({'change': 'slip'}, 'after slip'),
+        ({'change': 'slip', 'wrong_twist': 'late'}, 'after slip'),
+        ({'wrong_twist': 'late'}, 'all, part of each'),
+        ({'wrong_twist': 'late', 'known': 'late'}, 'run'),
+    ],
+)
+def test_a_run_goes_on_unless_target_or_twist_are_wrong(now: dict[str, Any], expected: str) -> None:
+    tracked = SimpleNamespace(grasp_known=now.get('grasp_known', False)) if now.get('tracked', True) else None
+    run = SimpleNamespace(planar=True, contradicts_target=now.get('contradicts', False))
+    run.converged = now.get('converged', False)
+    method: Any = SimpleNamespace(
+        run=run,
+        _plane=SimpleNamespace(planar=True),
+        _variables=Following(tracked),
+        _moved=now.get('moved', 0),
+        _left_out='',
+        _wrong_twist=now.get('known', ''),
+        _isolation=SimpleNamespace(
+            change=now.get('change'),
+            wrong_twist=now.get('wrong_twist', ''),
+            windows_since=lambda time: ['all'] if time == -np.inf else [],
+        ),
+        _usable_part=lambda window: f'{window}, part of each',
+        _run_after=lambda _, change: f'after {change}',
+        _new_run=lambda windows: (
+            windows[0] + ('' if method._variables.tracked or not tracked else ', without the target')
+        ),
+    )
+    found: Any = TrajectoryEstimator._current_run(method)
+    assert found is method.run
+    assert found is run if expected == 'run' else found == expected
+    assert bool(method._left_out) is expected.endswith('the target')
+    assert method._wrong_twist == ('late' if expected.endswith('each') else now.get('known', ''))
+
+
+@pytest.mark.parametrize(
+    ('state', 'hypothesis', 'jumps', 'delay', 'disturbed'),
+    [
+        (True, False, (), False, False),
+        (True, True, (), False, True),
+        (True, False, ('jump',), False, True),
+        (True, False, (), True, True),
+        (False, True, ('jump',), True, False),
+    ],
+)
+def test_a_run_is_disturbed_by_a_force_a_jump_or_late_joints(
+    state: bool, hypothesis: bool, jumps: tuple[str, ...], delay: bool, disturbed: bool
+) -> None:
+    best = SimpleNamespace(hypothesis=SimpleNamespace(disturbed=hypothesis), jumps=jumps)
+    reporting: Any = None
+    method = TrajectoryEstimator(kernel('table1'), TrajectorySettings(MID, 0.5, 20, Declared(), ()), reporting)
+    assert not method.disturbed
+    run: Any = SimpleNamespace(has_state=state, best=best, has_joint_delay=delay, converged=True)
+    method.run = run
+    assert method.disturbed is disturbed
+    assert method.settled is state

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -81,3 +83,13 @@ def test_each_window_has_the_reasons_until_its_end() -> None:
     assert [[reason.text for reason in checks.reasons(float(each.time[-1]))] for each in made] == [[], [], ['late']]
     checks.with_valid_rates(made[:1])
     assert checks.reasons(float(made[2].time[-1])) == []
+
+
+@pytest.mark.parametrize('part', ['joint_velocity', 'base_linear_velocity', 'base_angular_velocity'])
+@pytest.mark.parametrize('value', [np.nan, np.inf])
+def test_one_number_that_is_none_is_a_missing_rate(part: str, value: float) -> None:
+    whole = window(0.0)
+    assert whole.missing_rates == (False, False)
+    rates = getattr(whole, part).copy()
+    rates[3, 1] = value
+    assert replace(whole, **{part: rates}).missing_rates == (part[0] == 'j', part[0] == 'b')

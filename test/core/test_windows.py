@@ -120,3 +120,17 @@ def test_knots_of_a_window(samples: Samples, rate: float, wanted: float, *, alik
     time: Array = np.arange(0.0, 0.5 - 1e-9, 1.0 / rate)
     window = replace(samples[: len(time)], time=time)
     assert knots_per_window(window, 0.5, wanted, alike=alike) == count
+
+
+@pytest.mark.parametrize(('fastest', 'knots'), [(0.0, 10), (1.0, 10), (2.4, 20), (400.0, 20)])
+def test_a_spring_has_ten_knots_a_period_with_as_many_samples_each(
+    samples: Samples, fastest: float, knots: int
+) -> None:
+    """Of 20 samples: 12 knots would do, but not all alike; without a spring they may differ."""
+    averaging = KnotAveraging(MID, 0.5, fastest=fastest)
+    averaging.average(windows(samples)[:1])
+    assert averaging._knots_per_window == knots
+    slower = replace(samples[:18], time=np.arange(18) / 36.0)  # 18 samples a window
+    averaging = KnotAveraging(MID, 0.5, fastest=fastest)
+    averaging.average([slower])
+    assert averaging._knots_per_window == (18 if fastest else 10)

@@ -4,16 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
 from floating import float_freely, pushing
+from mbaid_ros.core.difference import (
+    NO_PRIOR,
+    DifferenceEstimator,
+    DifferenceRun,
+    DifferenceSettings,
+    Subspace,
+    subspace,
+)
+from mbaid_ros.core.difference_solver import Blocks
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate
 from mbaid_ros.core.robot.body import body_sizes, is_physical, standard
-from mbaid_ros.core.robot.model import load_model
+from mbaid_ros.core.robot.model import PlaneDetector, load_model
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import SensorNoise
 from mbaid_ros.errors import ParameterError
@@ -279,3 +290,30 @@ def test_known_bodies_that_are_uncertain(robot: MomentumKernel, free: Truth) -> 
 def test_parameters_that_cannot_be(robot: MomentumKernel, parameters: dict[str, object], message: str) -> None:
     with pytest.raises(ParameterError, match=message):
         estimator(robot, MID, **parameters)
+
+
+@pytest.mark.parametrize('planar', [False, True])
+@pytest.mark.parametrize('linear', [0.0, 0.3])
+def test_what_no_data_determine_may_be_a_hundred_times_its_typical_size(linear: float, planar: bool) -> None:
+    """All 16 numbers, in the plane and out of it; the linear momentum as declared."""
+    table = kernel('table1')
+    detector = PlaneDetector(table.model)
+    detector.update(observe(configured_motion('table1', 0.1, 50.0), MID))
+    space = subspace(detector, table) if planar else Subspace(np.eye(6), np.eye(16), None)
+    scale, settings = np.arange(1.0, 17.0), DifferenceSettings(MID, 10, linear)
+    considered: Any = SimpleNamespace(count=0)
+    run = DifferenceRun(space, np.zeros(3), scale, settings, considered, restarted=False)
+    count, unknowns = len(space.rows), space.basis.shape[1]
+    noise = np.eye(count)[None]
+    empty = Blocks(np.zeros((1, count, unknowns)), np.zeros((1, count)), noise, np.zeros((1, count, count, unknowns)))
+    found = np.sqrt(np.diag(run.add(empty, np.zeros((1, count, 0)), 0.0).covariance))
+    expected = NO_PRIOR * scale
+    expected[[10, 11] if planar else slice(10, 13)] = linear or expected[[10, 11] if planar else slice(10, 13)]
+    assert found == pytest.approx(expected)
+
+
+def test_a_plane_is_allowed_the_largest_tilt_of_all_unknowns() -> None:
+    unknowns: Any = [SimpleNamespace(tilt=tilt, in_equations=False, count=0) for tilt in (0.0, 0.02, 0.01)]
+    reporting: Any = None
+    made = DifferenceEstimator(kernel('table1'), DifferenceSettings(MID, 10, 0.0), reporting, unknowns, None)
+    assert made._plane._tilt == 0.02

@@ -16,6 +16,7 @@ from mbaid_ros.core.filter.gaussian import SquareRootInformation, update
 from mbaid_ros.core.filter.linearise import WhitenedWindow
 from mbaid_ros.core.filter.posterior import (
     Continuation,
+    End,
     MeanAndCovariance,
     Posterior,
     PriorComparison,
@@ -25,8 +26,9 @@ from mbaid_ros.core.filter.time_update import advance
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joints.model import InformationCorrection
 from mbaid_ros.core.robot.model import PlaneDetector
-from mbaid_ros.core.state import BODY, BODY_PLACES, Layout, Variables, variables
-from observed import kernel
+from mbaid_ros.core.samples import Samples
+from mbaid_ros.core.state import BODY, BODY_PLACES, Layout, UnknownsPrior, Variables, variables
+from observed import MID, kernel
 from windowed import prepare
 from windowed import variables as drawn_variables
 from windowed import window as drawn_window
@@ -292,3 +294,49 @@ def test_states_are_drawn_in_pairs_with_the_covariance_and_no_mass_below_a_half(
     assert part[~short] == pytest.approx(whole[~short], rel=1e-6, abs=1e-6)
     assert part[short, 6] == pytest.approx(np.full(np.sum(short), -50.0))
     assert part[short] == pytest.approx(whole[short] * (-50.0 / whole[short, 6:7]), rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize('count', [1, 2, 25])
+@pytest.mark.parametrize('joints', [False, True])
+@pytest.mark.parametrize('twist', [False, True])
+def test_a_run_ends_with_its_last_sample_and_the_noise_by_then(count: int, joints: bool, twist: bool) -> None:
+    """With rates as read, or by the positions where two samples show them; momentum is about the run's origin."""
+    time, covariance = 3.0 + 0.02 * np.arange(count), np.tile(np.diag(np.arange(1.0, 7.0)), (count, 1, 1))
+    slope, place, turns = generic(0, 2), generic(1, 3), np.tile(np.eye(3), (count, 1, 1))
+    position, rates = time[:, None] * slope, np.full((count, 2), 7.0 if joints else np.nan)
+    move = np.full((count, 3), 5.0 if twist else np.nan)
+    base = time[:, None] * place
+    window = Samples(time, position, rates, base, turns, move, move, covariance, 2.0 * covariance)
+    origin, change = generic(2, 3), generic(3, 6)
+    end = End.from_window(window, MID, 0.5, origin, change)
+    assert (end.rate, end.time) == (2.0 * count, time[-1])
+    assert end.joint_position == pytest.approx(position[-1])
+    assert end.joint_velocity == pytest.approx([7.0, 7.0] if joints else slope if count > 1 else [0.0, 0.0])
+    assert end.base_position == pytest.approx(base[-1] - origin)
+    assert end.noise.pose == pytest.approx(np.diag([4.0, 5.0, 6.0, 1.0, 2.0, 3.0]))  # orientation first
+    assert end.measures_twist is twist
+    about = np.concatenate((change[:3], change[3:] - np.cross(origin, change[:3])))
+    assert end.momentum_change == pytest.approx(about)
+
+
+def test_unknowns_are_in_units_of_a_joint_prior_about_its_mean() -> None:
+    """After a calibration: distances from its mean by its covariance, and those by the data, stay what they are."""
+    case = Case()
+    plain, covariance = case.distribution.mean[BODY.stop :], case.distribution.unknowns_covariance
+    root, mean = np.tril(np.random.default_rng(1).normal(size=covariance.shape)), generic(2, len(plain))
+    known = UnknownsPrior(mean, root + 5.0 * np.eye(len(root)))
+    values, found = case.distribution.unknowns(replace(case.layout, known=known))
+    prior = known.factor @ known.factor.T
+    assert values @ values == pytest.approx((plain - mean) @ np.linalg.solve(prior, plain - mean))
+    by_data = (plain - mean) @ np.linalg.solve(covariance, plain - mean)
+    assert values @ np.linalg.solve(found, values) == pytest.approx(by_data)
+
+
+def test_numbers_that_noise_drives_count_as_declared() -> None:
+    case = Case()
+    values, covariance = case.distribution.unknowns(case.layout)
+    driven = np.arange(len(values)) % 3 == 0
+    layout: Any = SimpleNamespace(known=case.layout.known, noise_driven=driven.astype(float))
+    right, found = case.distribution.unknowns_as_declared(layout)
+    assert np.array_equal(right, np.where(driven, 0.0, values))
+    assert found == pytest.approx(np.where(driven[:, None] | driven, np.eye(len(values)), covariance))

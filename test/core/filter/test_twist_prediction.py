@@ -111,6 +111,21 @@ def test_known_thrust_is_momentum_that_is_added() -> None:
         assert pushed.by_pose_error[index] == pytest.approx(expected.by_pose_error[0], rel=1e-12)
 
 
+def test_thrusters_bring_momentum_by_their_errors_even_if_one_is_exact() -> None:
+    """As much as that about the base's own place, for each of two thrusters with five errors each."""
+    case = Case(0)
+    layout, columns = case.layout, np.random.default_rng(1).normal(size=(len(case.middle), 2, 6, 5))
+    state = np.zeros(layout.size)
+    state[layout.parameters] = case.point
+    point = layout.point(state)
+    errors = np.concatenate((np.zeros(5), generic(2, 5)))
+    middle = replace(case.middle, thrust=columns.reshape(len(columns), -1))
+    off = replace(point, nominal=replace(point.nominal, thrust=errors))
+    brought = columns[:, 1] @ errors[5:]
+    expected = predict(layout, replace(middle, impulse=brought), point)[0]
+    assert predict(layout, middle, off)[0].twist == pytest.approx(expected.twist, rel=1e-12)
+
+
 @pytest.mark.parametrize('seed', SEEDS)
 def test_derivatives_by_parameters_and_known_bodies(seed: int) -> None:
     case = Case(seed)

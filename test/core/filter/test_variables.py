@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.links import TotalMass, independent_errors, known_bodies
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import inertia_matrix, inverse_inertia_and_momentum
-from mbaid_ros.core.state import BODY, Declared, Layout, Variables, _drawn_anew, trust_region, variables
+from mbaid_ros.core.state import BODY, Declared, Layout, Variables, _drawn_anew, _walks, trust_region, variables
 from mbaid_ros.core.target import TargetPrior
 from mbaid_ros.session.catalogue import hypotheses
 from observed import kernel
@@ -44,6 +46,21 @@ def test_numbers_drawn_anew_differ_by_twice_their_variance() -> None:
     change = _drawn_anew(which)
     assert change.shape == (4, 2)
     assert change @ change.T == pytest.approx(np.diag([2.0, 0.0, 2.0, 0.0]))
+
+
+def test_only_what_walks_gets_less_certain_with_time() -> None:
+    """Numbers of unknowns that stay have no part in it; SI numbers walk as their unknown says."""
+    factors = generic(0, 3, 2), generic(1, 4, 4), generic(2, 2, 2)
+    walks = np.zeros((3, 0)), generic(3, 4, 2), generic(4, 2, 1)
+    pairs = zip(factors, walks, strict=True)
+    layout: Any = SimpleNamespace(unknowns=[SimpleNamespace(factor=one, random_walk=walk) for one, walk in pairs])
+    found = _walks(layout)
+    assert found.shape == (8, 3)
+    assert not found[:2].any()
+    assert factors[1] @ found[2:6] == pytest.approx(np.column_stack((walks[1], np.zeros(4))))
+    assert factors[2] @ found[6:] == pytest.approx(np.column_stack((np.zeros((2, 2)), walks[2])))
+    layout.unknowns = layout.unknowns[:1]
+    assert not _walks(layout).size
 
 
 @pytest.mark.parametrize('with_target', [False, True])
