@@ -20,6 +20,7 @@ from mbaid_ros.errors import listing
 from mbaid_ros.replay.whole_run import Run
 from mbaid_ros.session.repairing import admitted, obstacles
 
+_NO_WINDOW = 'the data contain no complete window'
 _EVENTS = 5  # that a terminal shows
 
 
@@ -158,8 +159,9 @@ def _why_none(run: Run) -> str:
         time = run.settings.get('capture.time')
         return 'the data end before the capture: capture.time ' + (f'puts it at {time:g} s' if time else 'is not given')
     if run.final.status == 'waiting':
-        why = f'; {JOINT_MISSING}: {listing(run.missing_joints)}' if run.missing_joints else ''
-        return f'the data contain no complete window{why}'
+        if run.missing_joints:
+            return f'{_NO_WINDOW}; {JOINT_MISSING}: {listing(run.missing_joints)}'
+        return next(iter(run.all_warnings), _NO_WINDOW)  # a window may have been there before the run started again
     if FIRST_STAGE in run.final.warnings:
         return FIRST_STAGE
     return WITHHELD if run.contradicted else 'the motion does not determine any of its parameters'

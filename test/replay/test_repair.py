@@ -11,6 +11,7 @@ from made_runs import estimate, run
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.config.parameter_files import load_parameter_file
 from mbaid_ros.core.repair import Conversion, Repair
+from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.parameters import build
 from mbaid_ros.replay.arguments import replay, simulate
 from mbaid_ros.replay.json_output import as_json, parameter_file
@@ -94,3 +95,15 @@ def test_a_sensor_that_contradicts_the_others_is_left_out(tmp_path: Path, capsys
     assert list(found['sensors'][-1]['dropped']) == ['left out by a repair']
     truth = json.loads((tmp_path / 'bag' / 'truth.json').read_text(encoding='utf-8'))
     assert found['estimate']['mass'] == pytest.approx(truth['mass'], abs=4.0 * found['std']['mass'])
+
+
+@pytest.mark.parametrize(
+    ('warnings', 'said'),
+    [
+        ((), 'the data contain no complete window'),
+        (('no solution; started again', 'late'), 'no solution; started again'),
+    ],
+)
+def test_a_run_without_a_window_ends_with_its_reason(warnings: tuple[str, ...], said: str) -> None:
+    nothing = Estimate(method='trajectory', status='waiting')
+    assert verdict(run(nothing, warnings=warnings)) == f'no estimate of link7: {said}'
