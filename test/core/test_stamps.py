@@ -181,10 +181,10 @@ def test_readings_that_scatter_in_time(kind: str, unchanged: Unchanged) -> None:
 @pytest.mark.parametrize(
     ('kind', 'size', 'symptom'),
     [
-        ('jitter', 3.0, 'jitter: the joint states'),
-        ('arrival', 1.5, 'jitter: the joint states'),
+        ('jitter', 4.0, 'jitter: the joint states'),
+        ('arrival', 2.5, 'jitter: the joint states'),
         ('float32', 1.0, 'jitter: the joint states'),
-        ('jitter', 0.5, ''),
+        ('jitter', 3.0, ''),
         ('measured', 5.0, ''),
         ('step', 2.0, 'step: the joint states'),
         ('step', -3.0, 'step: the joint states'),
