@@ -22,6 +22,7 @@ from mbaid_ros.core.method import (
     TwoStageEstimator,
 )
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate
+from mbaid_ros.core.samples import FEWEST
 
 FIRST, SECOND = 'difference', 'trajectory'
 
@@ -212,3 +213,43 @@ def test_a_first_stage_that_contradicts_the_data_is_withheld_for_ten_seconds() -
     found = published(method, 4.0 + _ALONE)
     assert found.identifiable.all()
     assert FIRST_STAGE not in found.warnings
+
+
+class Reading(SimpleNamespace):
+    """A window without some rates."""
+
+    def __len__(self) -> int:
+        return int(self.length)
+
+
+@pytest.mark.parametrize(
+    ('missing', 'length', 'used'),
+    [
+        ((False, False), 1, True),
+        ((True, False), FEWEST, True),
+        ((False, True), FEWEST, True),
+        ((True, True), FEWEST - 1, False),
+        ((True, False), FEWEST - 1, False),
+    ],
+)
+def test_a_first_stage_without_a_twist_is_withheld_at_first_and_without_samples_left_out(
+    missing: tuple[bool, bool], length: int, used: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('mbaid_ros.core.method.with_rates', lambda window: window)
+    method, first, second = stages(settled=False)
+    first.next = made(FIRST)
+    window = Reading(time=4.0, missing_rates=missing, length=length)
+    (found,) = method.update(cast('Any', [window]), 0)
+    assert (first.updates, len(second.offered), found.stage == FIRST) == (used, used, used)
+    assert (FIRST_STAGE in found.warnings) is (used and missing[1])
+    assert (FIRST_STAGE in published(method, 4.5).warnings) is missing[1]
+
+
+@pytest.mark.parametrize(
+    'found', [{'identifiable': np.arange(10) > 0}, {'status': 'inconsistent'}, {'identifiable': np.arange(10) < 1}]
+)
+def test_only_a_first_stage_with_a_mass_and_without_doubt_is_a_start(found: dict[str, Any]) -> None:
+    method, first, second = stages(settled=False)
+    first.next = made(FIRST, **found)
+    published(method, 4.0)
+    assert len(second.offered) == ('identifiable' in found and bool(found['identifiable'][0]))
