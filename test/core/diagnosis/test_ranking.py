@@ -59,7 +59,11 @@ def gaussian(misfit: float, log_likelihood: float) -> Any:
 
 
 def candidate(
-    windows: int, part: float = 1.0, text: Any = 'the thing', contradicting: tuple[float, float] = (0.0, 0.0)
+    windows: int,
+    part: float = 1.0,
+    text: Any = 'the thing',
+    contradicting: tuple[float, float] = (0.0, 0.0),
+    **changes: Any,
 ) -> list[CandidateCause]:
     """Return the causes that a candidate makes whose pass has a misfit of 30, and a log-likelihood of -130.
 
@@ -76,7 +80,7 @@ def candidate(
     passes: Any = SimpleNamespace(refined=refined, contradicting=lambda _: contradicting[1])
     point: Any = 'a point'
     causes: Any = SimpleNamespace(hypotheses=('undisturbed',))
-    made = Candidate(text, passes, [None] * abs(windows), point, of_twist=True, part=part)  # type: ignore[list-item]
+    made = Candidate(text, passes, [None] * abs(windows), point, of_twist=True, part=part, **changes)  # type: ignore[list-item]
     found: list[CandidateCause] = []
 
     def kept() -> Work[None]:
@@ -97,6 +101,11 @@ def test_what_a_candidate_gains(part: float, gain: float) -> None:
 
 def test_a_candidate_gains_what_it_explains_of_unknowns_that_contradict_the_model() -> None:
     assert candidate(FEWEST, contradicting=(40.0, 15.0))[0].gain == 70.0 + 25.0
+
+
+def test_a_candidate_gains_less_by_its_weight_and_by_what_chance_would_gain() -> None:
+    assert candidate(FEWEST, weight=0.5, less=3.0)[0].gain == 0.5 * 70.0 - 3.0
+    assert candidate(FEWEST, contradicting=(40.0, 15.0), weight=0.5)[0].gain == 0.5 * 95.0
 
 
 def test_what_leaves_few_windows_or_cannot_be_is_no_candidate() -> None:

@@ -497,6 +497,7 @@ def pushed_run(axes: str) -> tuple[Any, Any, Layout, Variables]:
     for place in range(4):
         brought, push = rng.normal(size=(6, len(space.scale))), rng.normal(size=(6, 6))
         white = SimpleNamespace(momentum_change=brought, force_impulse=lambda _, push=push: push, length=0.5)
+        white.over_gap = lambda change, window: window.gap / 0.5 * change
         windows.append((SimpleNamespace(start=0.5 * place, length=0.5, gap=0.0), white))
     numbers = np.abs(rng.normal(size=len(space.scale) + 6 * (axes != 'none')))
     gaussian = SimpleNamespace(axes=axes, mean_and_shift=lambda: (numbers, 0.0 * numbers))
@@ -549,3 +550,178 @@ def test_the_momentum_of_earlier_windows_follows_a_force_that_varies() -> None:
     nothing = Layout.from_unknowns(kernel('servicer7'), ())
     space = variables(nothing, PlaneDetector(nothing.kernel.model), Declared())
     assert momentum_drift(windows, quiet, space, nothing) is None  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ('change', 'begun', 'left', 'due'),
+    [
+        ({}, ['offered'], 10, 10),
+        ({'offered': None}, [], 10, 10),
+        ({'due': 11}, None, 10, 11),
+        ({'moved': False}, None, 4, 10),
+        ({'searching': True}, None, 10, 10),
+        ({'accepted': True}, ['best', 'offered'], 10, 10),
+        ({'accepted': True, 'nonlinearity': None}, ['offered'], 10, 10),
+        ({'due': 99, 'windows': 20}, None, 11, 13),
+        ({'due': 12, 'windows': 20, 'kept': 21, 'searching': True}, None, 21, 12),
+        ({'due': 99, 'windows': 19}, None, 20, 99),
+        ({'due': 99, 'windows': 20, 'accepted': True}, None, 21, 99),
+        # The solution of a target with a prior explains the windows no more, as it did.
+        ({'due': 99, 'accepted': True, 'is_informed': True, 'latest': None}, ['best', 'offered'], 10, 99),
+        ({'due': 99, 'accepted': True, 'is_informed': True}, None, 10, 99),
+        ({'due': 99, 'accepted': True, 'latest': None}, None, 10, 99),
+        ({'due': 99, 'accepted': True, 'is_informed': True, 'latest': None, 'consistent': False}, None, 10, 99),
+        ({'due': 99, 'is_informed': True, 'latest': None}, None, 10, 99),
+    ],
+)
+def test_when_a_search_begins_and_where(
+    change: dict[str, Any], begun: list[str] | None, left: int, due: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It begins at the estimate and at what another method offers; without one the older half of the windows goes."""
+    known: dict[str, Any] = {
+        'windows': 9,
+        'due': 10,
+        'kept': 20,
+        'accepted': False,
+        'nonlinearity': 'known',
+        'consistent': True,
+        'latest': best(),
+        'offered': 'offered',
+        'covariance': None,
+        'layout': SimpleNamespace(size=30),
+    } | change
+    moved, searching = known.pop('moved', True), known.pop('searching', False)
+    started: list[Any] = []
+    monkeypatch.setattr(run_module, 'outcome_or_none', lambda search, _: search)
+    monkeypatch.setattr(Run, '_best_point', 'best')
+    known['multi_start'] = SimpleNamespace(search=lambda windows, points: (len(windows), points))
+    known['tasks'] = SimpleNamespace(
+        is_under_way=lambda _: searching, begin=lambda _, search, __, size: started.append((*search, size))
+    )
+    known['windows'] = [*range(known['windows'])]
+    run, window = bare(**known), len(known['windows'])
+    run._store(window, joints_moved=moved)
+    assert started == ([] if begun is None else [(left, begun, 30)])
+    assert (len(run._windows), run._windows[-1], run._due) == (left, window, due)
+    assert begun is None or run._searched == left
+
+
+@pytest.mark.parametrize(
+    ('change', 'consistent', 'contradicts', 'confirmed', 'frozen'),
+    [
+        ({}, True, False, False, False),
+        ({'accepted': True}, True, False, True, False),
+        ({'misfit': 60.0}, True, True, False, False),
+        ({'misfit': 60.0, 'numbers': 0}, True, False, False, False),
+        ({'misfit': 60.0, 'start': False}, True, False, False, True),
+        ({'nis': 151.0}, False, True, False, False),
+        ({'nis': 149.0}, True, False, False, False),
+        ({'accepted': True, 'start': False}, True, False, False, True),
+    ],
+)
+def test_what_a_run_takes_over_from_a_search(
+    change: dict[str, Any],
+    consistent: bool,
+    contradicts: bool,
+    confirmed: bool,
+    frozen: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A chi-square of 36 of six numbers is rarer than once in a million; a second search that is accepted confirms."""
+    filtered, point = best(nis=change.get('nis', 100.0)), SimpleNamespace(state='state', drift='drift')
+    filtered.gaussian.log_likelihood, freezes = 0.0, list[int]()
+    start: Any = SimpleNamespace(
+        bank=(filtered,), point=point, accepted=change.get('start', True), nonlinearity='work', covariance='covariance'
+    )
+    begun: list[Any] = []
+    tasks = SimpleNamespace(
+        cancel=lambda *_: None, begin=lambda *given, size, steps: begun.append((given[1], size, steps > 0))
+    )
+    run = bare(accepted=change.get('accepted', False), nonlinearity='before', newton_step='step', searched=3)
+    run._tasks, run._layout = tasks, SimpleNamespace(size=30)
+    run._windows = [SimpleNamespace(start=0.5 * place) for place in range(5)]
+    monkeypatch.setattr('mbaid_ros.core.filter.run.MeanAndCovariance.from_gaussian', lambda *_: None)
+    monkeypatch.setattr(Run, 'misfit_of_target', lambda *_: (change.get('misfit', 30.0), change.get('numbers', 6)))
+    monkeypatch.setattr(Run, '_is_sharper', lambda *_: False)
+    monkeypatch.setattr(Run, '_freeze_if_possible', lambda *_: freezes.append(1))
+    run._take_over(start)
+    known = change.get('accepted', False)
+    assert (run.phase, run._consistent, run.contradicts_target) == (Phase.INITIALISING, consistent, contradicts)
+    assert (run._accepted, run._confirmed, bool(freezes)) == (start.accepted, confirmed, frozen)
+    assert (run._linearised_until, run._point.point, run._drift) == (1.0, point, 'drift')
+    assert (run._nonlinearity, run._newton_step) == ('before' if known else None, None)
+    assert begun == [('work', 30, not known)]
+    run._take_over(None)
+    assert run._due == 3 + 2
+
+
+@pytest.mark.parametrize('disturbed', [False, True])
+@pytest.mark.parametrize(
+    ('phase', 'ready', 'still_open', 'filtered', 'newest'),
+    [
+        (Phase.COLLECTING, 3, 4, [], 2),
+        (Phase.INITIALISING, 3, 4, [3, 4], 4),
+        (Phase.TRACKING, 3, 4, [3, 4], 4),
+        (Phase.INITIALISING, 3, None, [3], 3),
+        (Phase.INITIALISING, None, 4, [4], 4),
+        (Phase.TRACKING, None, 4, [4], 4),
+        (Phase.TRACKING, None, None, [], 2),
+    ],
+)
+def test_what_a_window_updates(
+    phase: Phase,
+    ready: int | None,
+    still_open: int | None,
+    filtered: list[int],
+    newest: int,
+    monkeypatch: pytest.MonkeyPatch,
+    *,
+    disturbed: bool,
+) -> None:
+    """Windows are numbered from their start. Where nothing acts, the state does not advance over one that is open."""
+    windows = {start: SimpleNamespace(start=start) for start in range(5)}
+    stored, checked, carried, updated = list[int](), list[int](), list[int](), list[tuple[int, bool]]()
+
+    def update(bank: Any, window: Any, _white: Any, _variables: Any, *, advancing: bool = True) -> Any:
+        updated.append((window.start, advancing))
+        return tuple(SimpleNamespace(**vars(each) | {'latest': window.start}) for each in bank)
+
+    def carry(start: int, _drift: Any) -> Any:
+        carried.append(start)
+        return SimpleNamespace(near_estimate=lambda *_: point)
+
+    monkeypatch.setattr(run_module, 'leader', lambda bank: bank[0])
+    monkeypatch.setattr(run_module, 'update_bank', update)
+    monkeypatch.setattr(run_module, 'momentum_drift', lambda passed, *_: passed[0][0].start)
+    monkeypatch.setattr(Run, '_store', lambda _, window, **__: stored.append(window.start))
+    monkeypatch.setattr(Run, '_check_newton_step', lambda _, best: checked.append(best.latest))
+    point = SimpleNamespace(carried=carry, point='point')
+    first = SimpleNamespace(hypothesis=SimpleNamespace(disturbed=disturbed), gaussian=None, latest=2)
+    run = bare(phase=phase, point=point, bank=(first,), newest=windows[2], drift=None, latest=first, accepted=False)
+    run._nonlinearity, run._tasks = None, SimpleNamespace(allot_steps=lambda *_: None)
+    run._linearised, run._layout = SimpleNamespace(whitened=lambda *_: None), SimpleNamespace(has_varying_push=False)
+    run._variables.random_walk = np.zeros((6, 0))
+    run.add(*(None if start is None else windows[start] for start in (ready, still_open)), joints_moved=True)
+    assert stored == ([ready] if ready and phase is not Phase.TRACKING else [])
+    assert updated == [(start, start == ready or disturbed) for start in filtered]
+    assert checked == ([ready] if ready and phase is Phase.INITIALISING else [])
+    assert carried == filtered[:1]
+    assert (run._newest.start, run._latest.latest) == (newest, newest)
+    assert run._bank[0].latest == (ready if ready in filtered else 2)
+
+
+@pytest.mark.parametrize(
+    ('nonlinear', 'nis', 'due'), [(True, 100.0, 30), (False, 100.0, 40), (True, 200.0, 40), (True, None, 40)]
+)
+def test_a_step_that_is_not_linear_makes_a_search_due(nonlinear: bool, nis: float | None, due: int) -> None:
+    """But not where the data contradict the model."""
+    step: Any = SimpleNamespace(is_nonlinear=nonlinear, covariance='its')
+    latest = None if nis is None else best(nis=nis)
+    run = bare(covariance='before', latest=latest, due=40, windows=[None] * 30, nonlinearity='n', newton_step=None)
+    run._take_newton_step(step)
+    assert (run._due, run._covariance, run._is_displaced) == (due, 'its', nonlinear)
+    assert run.nonlinearities(consistent=True) == ('n', step)
+    assert run.nonlinearities(consistent=False) == ('n',)
+    run._covariance = None
+    run._take_newton_step(step)
+    assert run._covariance is None
