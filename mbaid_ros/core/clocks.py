@@ -52,8 +52,8 @@ _BLOCK, _BLOCKS, _ENOUGH, _ALONG, _MOSTLY, _JITTER = 60, 200, 12, 0.7, 4.0, 1e-3
 _EVEN = 0.5  # of the usual interval, by which those of a block may differ from it
 _COARSE = 0.1  # share of readings that repeat: the scatter of coarse encoders grows with the rate as well
 # Part of the unevenness of stamps that readings follow: those that were measured then follow all of it, up to so many
-# standard deviations; s of it, of which less does no harm.
-_FOLLOWED, _SURELY, _HARMLESS = 0.5, 4.0, 2e-3
+# standard deviations; s of it, of which less does no harm; part of a block from which stamps are cut, and not uneven.
+_FOLLOWED, _SURELY, _HARMLESS, _UNREAL = 0.5, 4.0, 2e-3, 0.1
 _UNUSUAL, _LEAST_STEP = 20.0, 1e-3  # times the usual unevenness, and s at least, of a step of the stamps
 # Part of the readings of a block that is smooth by their number: a polynomial, by an orthonormal basis (_BLOCK, 6).
 _SMOOTH = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, _BLOCK), 6, increasing=True))[0]
@@ -443,7 +443,7 @@ class UnevenStamps:
         self._blocks.append(_unevenness(stamp, position))
         if len(self._blocks) >= _ENOUGH:
             jitter = self._alone(np.sum(self._blocks, axis=0))
-            if jitter > _HARMLESS:
+            if _HARMLESS < jitter < _UNREAL * 1e-9 * float(np.ptp(stamp)):
                 text = (
                     f'the stamps of {self._what} jitter by {1e3 * jitter:.2g} ms, the readings do not: stamped on '
                     'arrival, or rounded; stamp each reading when it is measured'

@@ -185,6 +185,7 @@ def test_readings_that_scatter_in_time(kind: str, unchanged: Unchanged) -> None:
         ('arrival', 2.5, 'jitter: the joint states'),
         ('float32', 1.0, 'jitter: the joint states'),
         ('jitter', 3.0, ''),
+        ('cut', 1.0, ''),
         ('measured', 5.0, ''),
         ('step', 2.0, 'step: the joint states'),
         ('step', -3.0, 'step: the joint states'),
@@ -202,6 +203,7 @@ def test_uneven_stamps_are_named_where_the_readings_are_even(kind: str, size: fl
         'arrival': rng.exponential(abs(size), count),
         'float32': 1e3 * np.asarray(1e5 + 0.01 * number, dtype=np.float32).astype(float) - 1e8 - 10.0 * number,
         'step': size * (number > 500),
+        'cut': np.where(number % 100 < 10, 90.0 * (number % 100), 0.0),
         'paused': size * (number > 500),
     }.get(kind, abs(size) * rng.uniform(-1.0, 1.0, count))
     stamps = even + np.round(1e6 * late).astype(np.int64)
