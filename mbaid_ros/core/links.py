@@ -28,7 +28,7 @@ _UNITS = (1e3, 1e-3)  # grams for kilograms, and the other way round
 _HEAVY = 0.01  # share of the robot's mass, from which a link's inertia matters
 _REACH = 10.0  # times the robot's size, that no link's radius of gyration reaches
 _MILLIMETRE = 1e-3  # m
-_SAME = 1e-9  # of the largest parameter of a body, below which tensors meant otherwise are rounding
+_SAME = 1e-9  # of the largest parameter of a body, below which tensors and their changes are rounding
 _SLENDER = 200.0  # times the largest radius of gyration, that no joint is away from the one before it
 # kg/m^3, lead and air: a denser link, or a lighter base, is described in another unit.
 _DENSEST, _LIGHTEST = 11_300.0, 1.2
@@ -218,7 +218,7 @@ class KnownBodies(Unknown):
         before, after = physical(body), physical(body + value)
         # The inertia is declared at a given mass, relative to the mean moment.
         change = after[4:] - after[0] / before[0] * before[4:]
-        moment = max(float(np.mean(before[[4, 7, 9]])), np.finfo(float).tiny)
+        moment = max(float(np.mean(before[[4, 7, 9]])), _SAME * before[0])  # it may be described without any
         sizes = abs(value[0]) / body[0], np.max(np.abs(after - before)[1:4]), np.max(np.abs(change)) / moment
         rows = np.flatnonzero(np.array(self.labels) == cause)
         declared = physical_jacobian(body) @ self.factor[rows]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -74,6 +76,16 @@ def test_a_link_is_declared_as_uncertain_as_its_mass_centre_and_inertia_are_off(
     declared = {'mass_relative_std': widened(0.3), 'com_std': widened(0.03), 'inertia_relative_std': widened(0.2)}
     assert repair.parameters == pytest.approx({f'{name}.{part}': size for part, size in declared.items()})
     assert unknown.repair('link:link3', -1.1 * servicer7.known[place], np.full(10, 0.1), servicer7) is None
+
+
+def test_a_link_that_is_described_without_inertia_has_a_repair_all_the_same(servicer7: MomentumKernel) -> None:
+    place = servicer7.model.link('link3').body
+    point = servicer7.known[place] * (np.arange(10) == 0)  # the mass alone
+    change, places = servicer7.known[place] - point, np.arange(len(servicer7.known))[:, None] == place
+    wrong = servicer7.with_body_changes(np.where(places, point - servicer7.known, 0.0))
+    unknown = known_bodies(servicer7.model, replace(servicer7.errors, factor=np.zeros_like(servicer7.errors.factor)))
+    repair = some(unknown.repair('link:link3', 100.0 * change, np.full(10, 0.1), wrong))
+    assert some(repair.parameters)['known_links.link3.inertia_relative_std'] == 1.0
 
 
 def test_a_link_that_is_heavier_throughout_has_a_wider_mass(servicer7: MomentumKernel) -> None:
