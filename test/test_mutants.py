@@ -122,6 +122,9 @@ def four():
 def one():
     return halved(2.0)
 
+def test_fails(four):
+    assert twice(1.0) == 3.0
+
 def test_first(four):
     assert four == 4.0
 
@@ -133,9 +136,6 @@ def test_third():
 
 def test_fourth():
     assert one() < 2.0
-
-def test_fails():
-    assert twice(1.0) == 3.0
 """
 
 

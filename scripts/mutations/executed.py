@@ -197,10 +197,12 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     """Collect the time of tests that pass, without the fixtures of several tests."""
     if report.outcome != 'passed':
         _failed.add(report.nodeid)
-    if report.when == 'teardown' and report.nodeid not in _failed:
-        properties: list[tuple[str, Any]] = report.user_properties
-        fixtures = dict(value for name, value in properties if name == 'fixture')
-        _fixture_seconds.update(fixtures)
+    if report.when != 'teardown':
+        return
+    properties: list[tuple[str, Any]] = report.user_properties
+    fixtures = dict(value for name, value in properties if name == 'fixture')
+    _fixture_seconds.update(fixtures)  # also of a test that fails: others use the same
+    if report.nodeid not in _failed:
         _kept[report.nodeid] = dict(properties)['fixtures']
         _passed[report.nodeid] = dict(properties)['seconds'] - sum(fixtures.values())
 
