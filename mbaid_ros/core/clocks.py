@@ -86,9 +86,8 @@ class Gate:
         self._first = 0  # ns, first stamp since the latest jump back
         self._ended = 0  # ns, of the times between jumps back
         self.epoch = 0
-        self._passed: OrderedDict[int, None] = (
-            OrderedDict()
-        )  # the latest stamps that passed since the latest jump back, in order
+        # The latest stamps that passed since the latest jump back, in order.
+        self._passed: OrderedDict[int, None] = OrderedDict()
         self._copied = False  # whether a copy came between messages that went on
         self.dropped: Counter[str] = Counter()
 

@@ -459,7 +459,7 @@ def test_without_a_place_of_the_base_there_is_no_linear_momentum(
 def test_the_evidence_of_a_run(
     force: Any, physical: bool, first: Any, distances: str, gain: float, hypothesis: str
 ) -> None:
-    """What is further off than declared is asked without the force, which would absorb it."""
+    """Deviations beyond the declared ones are looked for without the force, which would absorb them."""
     scales = stub(distances={'link': Distance(1.0, 2.0, 3)}, likeliest=('link', 4.0))
     of_first = stub(distances={'zero': Distance(4.0, 5.0, 6)}, likeliest=('zero', 6.0))
     gaussian = stub(nis=30.0, measured=20, innovations='innovations')

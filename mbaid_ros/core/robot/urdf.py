@@ -321,7 +321,15 @@ class Transmission:
     @cached_property
     def errors(self) -> Array:
         """How much each joint (row) is off by an error of each (column), (n, n): followers with their leaders."""
-        found = np.eye(len(self.driver))
+        followers = list(self.followers)
+        found = self._following.copy()
+        found[followers, followers] = 1.0  # by their own
+        return found
+
+    @cached_property
+    def _following(self) -> Array:
+        """How much each joint (row) moves by each that is read (column), (n, n)."""
+        found = np.zeros((len(self.driver), len(self.driver)))
         found[np.arange(len(self.driver)), self.leaders] = self.multiplier
         return found
 
@@ -336,10 +344,8 @@ class Transmission:
         """
         if self.direct:
             return np.asarray(deviation * columns)
-        leaders = self.leaders
-        follow = np.zeros((len(leaders), len(leaders)))
-        follow[np.arange(len(leaders)), leaders] = self.multiplier
-        return np.asarray((deviation[..., leaders if deviation.shape[-1] > 1 else [0]] * columns) @ follow)
+        each = self.leaders if deviation.shape[-1] > 1 else [0]
+        return np.asarray((deviation[..., each] * columns) @ self._following)
 
     def rates(self, values: Array) -> Array:
         """Return the rates (..., n) of all joints at those (..., k) of the independent ones."""
