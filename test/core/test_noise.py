@@ -2,15 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from scipy.stats import chi2
 
 from checked import some
-from mbaid_ros.core.geometry import Array, exp
-from mbaid_ros.core.noise import Differences, FoundLevels, LevelEstimator, NoiseEstimator, NoiseLevels
+from mbaid_ros.core.geometry import Array, Integers, exp
+from mbaid_ros.core.noise import (
+    _SQUARES,
+    BINOMIAL,
+    Differences,
+    DifferenceVariances,
+    ErrorModels,
+    FoundLevels,
+    LevelEstimator,
+    NoiseEstimator,
+    NoiseLevels,
+    candidates,
+    likeliest,
+)
 from mbaid_ros.core.odometry.stream import usable_covariance
 from mbaid_ros.core.pipeline import Synchroniser
 from mbaid_ros.core.samples import BaseStream, JointStream, Samples, SensorNoise
@@ -341,3 +357,310 @@ def test_a_robot_without_joints_has_no_differences_of_theirs() -> None:
     differences.add(stamps, np.zeros((100, 0)), np.ones((100, 1)))
     differences.count(int(stamps[-1]))
     assert not differences.counts.any()
+
+
+STRIDES = np.array([1, 2, 4, 8, 16, 32]) * 0.01  # s
+
+
+def of_sixth_differences(time: float, levels: tuple[float, float], count: int = 1000) -> DifferenceVariances:
+    """Return the exact variances of sixth differences of errors that are correlated over a time (s)."""
+    apart = np.abs(np.subtract.outer(np.arange(7), np.arange(7)))
+    variance = []
+    for stride in STRIDES:
+        correlation = np.exp(-apart * stride / time) if time else np.eye(7)
+        variance.append(BINOMIAL @ correlation @ BINOMIAL)
+    return DifferenceVariances(np.outer(levels, variance), np.full((2, 6), count), STRIDES)
+
+
+@pytest.mark.parametrize('declared', ['no', 'yes'])
+@pytest.mark.parametrize('time', [0.05, 0.3, 2.0])
+def test_errors_that_last_are_explained_by_their_time_and_size(time: float, declared: str) -> None:
+    found = candidates(of_sixth_differences(time, (4.0, 9.0)), 0.0, declared)
+    assert np.all(found.time > 0.0)
+    best = int(np.argmin(found.cost))
+    assert found.time[best] == pytest.approx(time, rel=0.07)  # of a grid
+    assert np.exp(found.estimated[best]) == pytest.approx([4.0, 9.0], rel=0.1)
+    assert np.array_equal(found.level[best], found.estimated[best])
+    assert found.contradicted[best].all()
+    assert found.cost[best] < (2.0 if declared == 'no' else 14.0)
+
+
+def test_a_declared_time_is_the_only_one() -> None:
+    found = candidates(of_sixth_differences(0.3, (4.0, 1.0)), 0.3, 'yes')
+    assert found.time.tolist() == [0.3]
+    assert found.cost == pytest.approx([0.0], abs=1e-9)
+    assert np.exp(found.level[0]) == pytest.approx([4.0, 1.0])
+    assert found.contradicted.tolist() == [[True, False]]
+
+
+@pytest.mark.parametrize(
+    ('declared', 'levels', 'used', 'contradicted'),
+    [
+        ('no', (4.0, 1.2), (1.0, 1.0), (True, False)),
+        ('yes', (4.0, 1.2), (4.0, 1.0), (True, False)),
+        ('yes', (0.25, 0.8), (0.25, 1.0), (True, False)),
+        ('trusted', (1.02, 0.98), (1.0, 1.0), (False, False)),
+    ],
+)
+def test_white_errors_have_the_declared_size_until_the_data_contradict_it(
+    declared: str, levels: tuple[float, float], used: tuple[float, float], contradicted: tuple[bool, bool]
+) -> None:
+    found = candidates(of_sixth_differences(0.0, levels, 2000), 0.0, declared)
+    assert found.time.tolist() == [0.0]
+    assert np.exp(found.estimated[0]) == pytest.approx(levels)
+    assert found.contradicted[0].tolist() == [*contradicted]
+    if declared != 'no':
+        assert np.exp(found.level[0]) == pytest.approx(used)
+
+
+TRACE = np.array([1.0, 1.0, 2.2, 40.0, 40.0, 40.0])
+
+
+def grown(seen: DifferenceVariances, first: int, times: float = 9.0) -> DifferenceVariances:
+    """Return variances that grow by motion from one stride on."""
+    motion = times ** np.maximum(np.arange(6) - first + 1, 0)
+    return replace(seen, variance=seen.variance * motion)
+
+
+@pytest.mark.parametrize(
+    ('change', 'clear'),
+    [
+        (lambda seen: seen, True),
+        (lambda seen: replace(seen, counts=np.where(np.arange(6) < 1, [[59], [500]], 500)), False),
+        (lambda seen: replace(seen, counts=np.where(np.arange(6) < 1, [[60], [500]], 500)), True),
+        (lambda seen: replace(seen, variance=seen.variance * [[1.0], [0.0]]), False),
+        (lambda seen: replace(seen, strides=0.0 * seen.strides), False),
+        (lambda seen: grown(seen, 1), False),  # motion from the first stride on
+        (lambda seen: grown(seen, 2), True),
+        (lambda seen: grown(seen, 4), True),
+        # Motion where one kind has too few differences is none.
+        (lambda seen: grown(replace(seen, counts=np.where(np.arange(6) < 1, 2000, [[11], [500]])), 1), True),
+        # A trace of it in the stride before the one that it shows in, and too few differences beyond.
+        (lambda seen: replace(seen, counts=seen.counts * (np.arange(6) < 5), variance=seen.variance * TRACE), True),
+    ],
+)  # fmt: skip
+def test_errors_show_in_enough_differences_that_no_motion_hides(
+    change: Callable[[DifferenceVariances], DifferenceVariances], *, clear: bool
+) -> None:
+    found = candidates(change(of_sixth_differences(0.0, (4.0, 1.0), 2000)), 0.0, 'yes')
+    assert found.time.tolist() == [0.0]
+    assert np.isfinite(found.estimated).all() == clear
+    if clear:
+        assert np.exp(found.estimated[0]) == pytest.approx([4.0, 1.0])
+        assert found.contradicted[0].tolist() == [True, False]
+
+
+def test_few_differences_do_not_show_whether_it_is_motion_that_they_grow_by() -> None:
+    many, few = (grown(of_sixth_differences(0.0, (4.0, 4.0), count), 5, 10.0) for count in (2000, 60))
+    assert np.exp(candidates(many, 0.0, 'yes').estimated[0]) == pytest.approx([4.0, 4.0])
+    assert np.all(np.exp(candidates(few, 0.0, 'yes').estimated[0]) > 4.5)
+
+
+@pytest.mark.parametrize(
+    ('declared', 'count', 'known'), [('yes', 1000, True), ('yes', 3000, False), ('no', 3000, True)]
+)
+def test_variances_that_no_time_explains_contradict_no_declared_level(
+    declared: str, count: int, *, known: bool
+) -> None:
+    """They vary by a factor of two from stride to stride."""
+    seen = of_sixth_differences(0.0, (4.0, 4.0), count)
+    found = candidates(replace(seen, variance=seen.variance * 2.0 ** (np.arange(6) % 2)), 0.0, declared)
+    assert np.isfinite(found.estimated).all() == known
+    if count == 3000:
+        assert found.time.tolist() == [0.0]
+
+
+def test_errors_that_may_last_for_longer_than_some_readings_are_not_called_white() -> None:
+    found = candidates(of_sixth_differences(0.02, (1.0, 1.0), 60), 0.0, 'no')
+    assert np.all(found.time > 0.0)
+    assert found.time[np.argmin(found.cost)] == pytest.approx(0.02, rel=0.3)
+    seen = of_sixth_differences(0.02, (1.0, 1.0), 60)
+    two = candidates(replace(seen, counts=seen.counts * (np.arange(6) < 2)), 0.0, 'no')  # white ones are as likely
+    assert np.all(two.time > 0.0)
+
+
+def test_motion_in_long_differences_leaves_the_short_ones_to_show_how_long_errors_last() -> None:
+    seen = of_sixth_differences(0.1, (1.0, 1.0))
+    still, moving = (candidates(each, 0.0, 'no') for each in (seen, grown(seen, 5, 100.0)))
+    assert moving.time[np.argmin(moving.cost)] == still.time[np.argmin(still.cost)]
+    assert np.exp(moving.estimated[np.argmin(moving.cost)]) == pytest.approx([1.0, 1.0], rel=0.1)
+
+
+def models(*times: float, level: float = 1.0) -> ErrorModels:
+    """Return models of one cost."""
+    count, size = len(times), np.log(level)
+    return ErrorModels(
+        np.array(times),
+        np.zeros(count),
+        np.full((count, 2), size),
+        np.full((count, 2), size),
+        np.full((count, 2), level != 1.0),
+    )
+
+
+RATIO = np.array([2.0, 0.5])  # 1/s, of deviations of twists and poses
+LONG = 0.16 * 2.0 ** np.arange(6)  # s
+
+
+def drifts(pose: float, twist: float, level: float = 1.0) -> DifferenceVariances:
+    """Return the variances of drifts by errors of poses and twists that last for a time each, by a sum over time."""
+    variance = []
+    for apart in LONG:
+        steps = (np.arange(2000) + 0.5) * apart / 2000
+        lasting = np.exp(-np.abs(np.subtract.outer(steps[::10], steps[::10])) / twist) if twist else 0.0
+        way = 0.5 * level * RATIO**2 * (np.mean(lasting) * apart**2)
+        variance.append(level * (1.0 - np.exp(-apart / pose) if pose else 1.0) + way)
+    return DifferenceVariances(np.transpose(variance), np.full((2, 6), 1000), LONG)
+
+
+@pytest.mark.parametrize('level', [1.0, 4.0])
+@pytest.mark.parametrize(('pose', 'twist'), [(0.5, 0.2), (3.0, 0.2), (0.5, 4.0), (3.0, 4.0)])
+def test_drifts_show_how_long_errors_of_poses_and_twists_last(pose: float, twist: float, level: float) -> None:
+    found = likeliest(models(0.5, 3.0, level=level), models(0.2, 4.0, level=level), drifts(pose, twist, level), RATIO)
+    assert found.time.tolist() == [pose, twist]
+    assert found.variance == pytest.approx(np.full(4, level))
+    assert (found.used == (level != 1.0)).all()
+    assert (found.contradicted == (level != 1.0)).all()
+
+
+def test_drifts_that_only_one_kind_has_are_left_out_and_a_small_misfit_of_all_is_not() -> None:
+    seen = drifts(0.5, 0.2)
+    lost = seen.variance * np.where((np.arange(6) == 3) & (np.arange(2) == 0)[:, None], 0.0, 1.0)
+    few = seen.counts * np.where((np.arange(6) == 3) & (np.arange(2) == 0)[:, None], 0, 1)
+    for known in (replace(seen, variance=lost), replace(seen, counts=few), replace(seen, variance=1.3 * seen.variance)):
+        assert likeliest(models(0.5, 3.0), models(0.2, 4.0), known, RATIO).time.tolist() == [0.5, 0.2]
+
+
+@pytest.mark.parametrize('lost', ['counts', 'variance', 'far'])
+def test_of_equally_likely_times_the_longest_counts_where_no_drift_tells(lost: str) -> None:
+    """Where drifts are few, zero, or of a size that nothing explains."""
+    seen = drifts(0.5, 0.2)
+    changed = {'counts': seen.counts // 100, 'variance': 0.0 * seen.variance, 'far': 1e4 * seen.variance**2}
+    known = replace(seen, **{lost if lost != 'far' else 'variance': changed[lost]})
+    assert likeliest(models(0.5, 3.0), models(0.2, 4.0), known, RATIO).time.tolist() == [3.0, 4.0]
+
+
+@pytest.mark.parametrize(
+    ('times', 'count', 'lasting', 'used'),
+    [
+        (1.0, 400, False, False),
+        (1.5, 400, False, True),
+        (0.6, 400, False, True),
+        (20.0, 400, False, True),
+        (40.0, 400, False, False),  # they are no noise
+        (0.025, 400, False, False),
+        (5.0, 28, False, False),  # too few differences
+        (5.0, 400, True, False),  # no white noise
+    ],
+)
+def test_joints_that_are_as_noisy_as_no_declared_level_allows_have_their_own(
+    times: float, count: int, *, lasting: bool, used: bool
+) -> None:
+    errors = times * MID.joint_position * np.random.default_rng(3).normal(size=(count, 2))
+    read = np.cumsum(np.cumsum(errors, axis=0), axis=0) if lasting else errors
+    levels = LevelEstimator(MID, 2)
+    levels.add_readings(JointStream(10_000_000 * np.arange(count), read, np.full_like(read, np.nan)), None)
+    assert levels.levels_at(ALL, 0.01, free=(False, False)).used.tolist() == [used, *[False] * 5]
+
+
+def counted(count: int, variance: float) -> Integers:
+    """Return the histogram of so many squares of normal numbers of positions, and of velocities of unit variance."""
+    share = (np.arange(count) + 0.5) / count
+    bins = [np.searchsorted(_SQUARES, size * chi2.ppf(share, 1)) for size in (variance, 1.0)]
+    return np.array([np.bincount(each, minlength=len(_SQUARES)) for each in bins])
+
+
+@pytest.mark.parametrize(
+    ('variance', 'growth', 'further', 'wrong'),
+    [
+        (4.0, 1.0, 600, True),
+        (4.0, 1.7, 600, True),
+        (4.0, 2.3, 600, False),  # by errors that last, or by motion
+        (4.0, 0.4, 600, False),
+        (4.0, 2.3, 70, True),  # that so few do not show
+        (4.0, 5.0, 70, False),
+        (4.0, 1.0, 50, False),
+        (0.25, 1.0, 600, True),
+        (1.5, 1.0, 600, False),
+        (1000.0, 1.0, 600, False),
+    ],
+)
+def test_joint_noise_is_wrong_where_it_is_white_and_far_from_the_declared_one(
+    variance: float, growth: float, further: int, *, wrong: bool
+) -> None:
+    levels = LevelEstimator(MID, 1)
+    levels._joints.counts, levels._apart.counts = counted(600, variance), counted(further, variance * growth)
+    assert levels._wrong_joints(np.array([variance, 1.0])).tolist() == [wrong, False]
+
+
+@pytest.mark.parametrize(
+    ('ends', 'spacing', 'clear_from', 'counts'),
+    [
+        ([1.0, 2.0, 3.9, 4.1, 5.0], 0.01, 9.0, [0, 0, 0, 4, 1]),  # four seconds
+        ([1.0, 2.0, 3.9, 4.1, 5.0], 0.01, 2.0, [0, 2, 1, 1, 1]),  # or until the noise is as declared
+        ([3.0, 7.0, 7.9, 8.1], 0.1, 99.0, [0, 0, 0, 4]),  # 80 poses
+        ([3.0, 9.0, 9.9, 10.1], 1.0, 99.0, [0, 0, 0, 4]),  # ten seconds at most
+    ],
+)
+def test_the_first_windows_wait_for_their_noise(
+    ends: list[float], spacing: float, clear_from: float, counts: list[int]
+) -> None:
+    noise = NoiseEstimator(MID, 2)
+    made: Any = [SimpleNamespace(time=np.array([end - 0.5, end]), apart=np.full(3, spacing)) for end in ends]
+
+    def with_noise(window: Any, _: int, end: float) -> tuple[Any, Any]:
+        return window, SimpleNamespace(as_declared=end >= clear_from, until=end)
+
+    noise.with_noise = with_noise  # type: ignore[method-assign, assignment]
+    released: list[Any] = [noise.windows_with_noise([each], 0) for each in made]
+    assert [len(each) for each in released] == counts
+    assert [window for some_ in released for window, _ in some_] == made
+    for end, some_ in zip(ends, released, strict=True):
+        assert all(levels.until == end for _, levels in some_)
+    last = NoiseEstimator(MID, 2)
+    last.with_noise = with_noise  # type: ignore[method-assign, assignment]
+    assert [len(last.windows_with_noise([each], 0, last=each is made[2])) for each in made[:3]] == (
+        [0, 0, 3] if clear_from > ends[2] else [0, 2, 1]
+    )
+
+
+def noise_levels(**given: Any) -> NoiseLevels:
+    """Return levels of which nothing is known but what is given, by channels."""
+    nothing = np.full(6, np.nan)
+    whole = {'declared': nothing, 'estimated': nothing, 'assumed': nothing, 'used': np.zeros(6, dtype=bool)}
+    return NoiseLevels(**{'correlation_time': 0.0, **whole, **given})
+
+
+@pytest.mark.parametrize(('ratio', 'said'), [(1.25, ''), (0.8, ''), (1.4, '1.4 times too small'), (0.5, '2 times too')])
+def test_a_level_that_is_hardly_wrong_is_no_difference(ratio: float, said: str) -> None:
+    second = np.arange(6) == 1
+    levels = noise_levels(declared=np.where(second, 2e-3, np.nan), estimated=np.where(second, ratio * 2e-3, np.nan))
+    lines = levels.differences()
+    assert len(lines) == bool(said)
+    assert all(said in line and line.startswith('joint velocity: ') and 'are used' not in line for line in lines)
+    assert all(line.endswith('; the data are used') for line in replace(levels, used=second).differences())
+
+
+def test_levels_are_listed_with_that_in_use_first() -> None:
+    known = np.array([1e-3, np.nan, 2e-3, np.nan, np.nan, np.nan])
+    levels = noise_levels(
+        declared=known, estimated=3.0 * known, assumed=np.where(np.arange(6) == 5, 0.5, np.nan), used=np.arange(6) == 2
+    )
+    assert [values for *_, values in levels.rows()] == [
+        '0.001 set, 0.003 estimated', '', '0.006 estimated, 0.002 set', '', '', '0.5 assumed',
+    ]  # fmt: skip
+    assert [name for name, *_ in levels.rows()][:2] == ['joint position', 'joint velocity']
+
+
+@pytest.mark.parametrize(
+    ('changes', 'as_declared'),
+    [
+        ({}, True),
+        ({'clear': False}, False),
+        ({'correlation_time': 0.1}, False),
+        ({'twist_correlation_time': 0.1}, False),
+        ({'contradicted': np.arange(6) == 4}, False),
+    ],
+)
+def test_noise_is_as_declared_where_it_is_white_and_of_that_size(changes: dict[str, Any], *, as_declared: bool) -> None:
+    assert noise_levels(**changes).as_declared is as_declared

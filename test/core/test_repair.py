@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from checked import some
 from mbaid_ros.core.forces import DisturbanceModel, disturbance_repair
 from mbaid_ros.core.geometry import Array, exp, mirror, rotation_from_quaternion
 from mbaid_ros.core.links import densities, known_bodies
-from mbaid_ros.core.repair import Conversion, Repair, joined, leading_repair, widened
+from mbaid_ros.core.repair import Conversion, Repair, joined, leading_repair, shown, widened, wider_prior
 from mbaid_ros.core.robot.body import physical, standard
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, JointStream
@@ -253,3 +254,121 @@ def test_times_of_a_repair_count_from_the_first_sample() -> None:
     assert (counted.since, some(counted.conversion).origin) == (5.0, 30 * 10**9)
     assert counted.conversion == jump.conversion  # the same one, whenever it is found
     assert ZERO.since_sample(7) == ZERO
+
+
+def test_times_of_a_conversion_count_from_the_first_sample_of_a_run() -> None:
+    """Stamps of a clock that starts long before: rates and stretches are about the first sample, steps are stamps."""
+    start = 1_700_000_000_000_000_000
+    read = replace(joints(), stamp=joints().stamp + start)
+
+    def changed(conversion: Conversion) -> list[float]:
+        repair = Repair('', conversion=conversion).since_sample(start)
+        found = some(repair.conversion).joints({(0, 1, 2): read}, NAMES, 3)
+        return [1e-9 * (stamp - start) for stamp in found[0, 1, 2].stamp.tolist()]
+
+    assert changed(Conversion(clock=0.5)) == [0.0, 2.0, 4.0]
+    assert changed(Conversion(left_out=((0.5, 1.5),))) == [0.0, 2.0]
+    assert changed(Conversion(left_out=((1.0, 1.0),))) == [0.0, 2.0]  # ends are left out
+    stepped = Repair('', conversion=Conversion(steps=(('wrist', start + 10**9, 0.5),)), since=7.0).since_sample(start)
+    assert stepped.since == pytest.approx(1.0)
+    assert Repair('', conversion=Conversion(delay=0.2), since=7.0).since_sample(start).since == 7.0
+    assert Repair('', {'a': 1.0}, since=7.0).since_sample(start).since == 7.0
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'conversion', 'by_parameters', 'leaves_out'),
+    [
+        ({'imu.use': False}, None, True, True),
+        ({'imu.use': False, 'imu.rate': 0.1}, None, True, False),
+        ({'imu.use': False}, Conversion(delay=0.1), False, False),
+        (None, Conversion(delay=0.1), False, False),
+        ({}, None, True, False),
+        (None, None, False, False),
+    ],
+)
+def test_a_repair_declares_converts_or_leaves_out(
+    parameters: dict[str, Any] | None, conversion: Conversion | None, *, by_parameters: bool, leaves_out: bool
+) -> None:
+    repair = Repair('a thing', parameters, conversion)
+    assert (repair.by_parameters, repair.leaves_out) == (by_parameters, leaves_out)
+
+
+@pytest.mark.parametrize(
+    ('value', 'said'),
+    [
+        (True, 'true'),
+        (False, 'false'),
+        (1.0, '1'),
+        (0.1234567, '0.123457'),
+        ('base', 'base'),
+        ((1.5, 2.0, 0.25), '[1.5, 2, 0.25]'),
+    ],
+)
+def test_values_are_shown_as_a_parameter_file_has_them(value: Any, said: str) -> None:
+    assert shown(value) == said
+
+
+@pytest.mark.parametrize(
+    ('unit', 'value', 'plausible'),
+    [
+        ('rad', (0.1, 0.2, 1.4), False),  # the third number is an angle as well
+        ('rad, m', (0.1, 0.2, 0.3, 1.4), True),  # and the fourth is not
+        ('rad', 1.4, False),
+        ('rad', (1.4, 0.1), False),
+        ('rad/s', 1.4, True),
+        ('', 1.4, True),
+    ],
+)
+def test_angles_alone_are_too_large_for_a_prior(unit: str, value: Any, *, plausible: bool) -> None:
+    assert Repair('off', {'a_std': 2.0}, value=value, unit=unit).plausible is plausible
+    assert Repair('off', {'a_std': 2.0}, Conversion(delay=0.1), value=value, unit=unit).plausible
+
+
+def test_a_prior_is_as_wide_as_the_largest_of_its_numbers_of_either_sign() -> None:
+    repair = wider_prior('off', 'a_std', np.array([0.01, -0.04, 0.02]), np.array([0.1, 0.2, 0.3]), 'm')
+    assert repair.parameters == {'a_std': widened(0.04)}
+    assert (repair.value, repair.std, repair.unit) == ((0.01, -0.04, 0.02), (0.1, 0.2, 0.3), 'm')
+
+
+@pytest.mark.parametrize(('least', 'most'), [(1.01, 1.49), (2.02, 2.98), (0.101, 0.149)])
+def test_half_as_much_again_is_rounded_up_to_one_two_or_five(least: float, most: float) -> None:
+    for size in (least, most):
+        digit = float(f'{widened(size):e}'.partition('e')[0])
+        assert digit in {1.0, 2.0, 5.0}
+        assert 1.5 * size <= widened(size) < 1.5 * 2.5 * size
+    assert widened(2.0 / 1.5) == 2.0  # which is as large as half more
+
+
+@pytest.mark.parametrize(
+    ('given', 'left'),
+    [
+        ({}, {'known_joints.elbow.zero_std', 'known_joints.elbow.gear'}),
+        ({'known_joints.zero_std': 0.05}, {'known_joints.elbow.gear'}),  # of all joints
+        ({'known_joints.zero_std': 0.04}, {'known_joints.elbow.zero_std', 'known_joints.elbow.gear'}),
+        ({'known_joints.zero_std': 0.05, 'known_joints.elbow.zero_std': 0.0},
+         {'known_joints.elbow.zero_std', 'known_joints.elbow.gear'}),
+        ({'known_joints.elbow.gear': 3.0}, {'known_joints.elbow.zero_std', 'known_joints.elbow.gear'}),
+        ({'known_joints.elbow.gear': 2.0, 'known_joints.elbow.zero_std': 1.0}, None),
+    ],
+)  # fmt: skip
+def test_what_a_user_has_declared_as_wide_is_not_declared_again(given: dict[str, Any], left: set[str] | None) -> None:
+    found = Repair('off', {'known_joints.elbow.zero_std': 0.05, 'known_joints.elbow.gear': 2.0}).beyond(given)
+    assert (None if found is None else {*some(found.parameters)}) == left
+    only = Repair('off', conversion=Conversion(delay=0.1))
+    assert only.beyond(given) is only
+
+
+@pytest.mark.parametrize(
+    ('gains', 'kept'),
+    [
+        ((1000.0, 981.0), 'both'),  # within two hundredths
+        ((1000.0, 979.0), 'first'),
+        ((100.0, 91.0), 'both'),  # or within ten
+        ((100.0, 89.0), 'first'),
+    ],
+)
+def test_causes_are_as_likely_within_a_part_of_their_gain(gains: tuple[float, float], kept: str) -> None:
+    zero, axis = replace(ZERO, value=0.02, unit='m'), replace(AXIS, value=0.03, unit='rad')
+    found = some(leading_repair([*zip(('zero', 'axis'), gains, strict=True)], {'zero': zero, 'axis': axis}))
+    assert (found is zero) == (kept == 'first')
+    assert (found.value, found.unit) == (0.02, 'm')

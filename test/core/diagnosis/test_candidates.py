@@ -12,6 +12,7 @@ import pytest
 
 from checked import returned, some
 from mbaid_ros.core.contracts import UNDISTURBED, Hypothesis
+from mbaid_ros.core.diagnosis import isolation
 from mbaid_ros.core.diagnosis.isolation import (
     Candidate,
     CandidateCause,
@@ -20,6 +21,7 @@ from mbaid_ros.core.diagnosis.isolation import (
     IsolationResult,
     _text_of,
 )
+from mbaid_ros.core.forces import DisturbanceModel
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.repair import Repair, widened
 from mbaid_ros.core.results.innovations import BASE_SENSORS, Innovations
@@ -268,6 +270,45 @@ def test_a_varying_force_has_the_roughest_process_that_is_likely(
     assert torque.time == force.time == found[2]
 
 
+def test_a_force_under_which_no_robot_can_be_is_none() -> None:
+    made: Any = causes(type('Made', (Pushed,), {'extended': lambda *_: SimpleNamespace(filtered_once=impossible)}))
+    assert returned(made._process([], None, -500.0)) is None
+
+
+@pytest.mark.parametrize(
+    ('gains', 'best', 'leading', 'named'),
+    [
+        ({'a drift': 60.0, 'a force': 40.0, 'a swing: there': 60.0}, 100.0, '', ['a drift', 'a swing: there']),
+        ({'a drift': 50.0}, 100.0, '', []),  # of half of the best gain
+        ({'a drift': 9.0}, 10.1, '', []),
+        ({'a drift': 9.0}, 10.0, '', ['a drift']),  # where nothing is worth anything a drift may lead later
+        ({'a drift': 9.0}, 100.0, 'a drift', ['a drift']),
+        ({'a shove': 90.0, 'a link': 99.0}, 100.0, '', []),  # one that a run takes into account, and no force
+        ({}, 100.0, 'a force', ['a force']),
+    ],
+)
+def test_forces_that_vary_are_sized_where_they_are_likely_or_lead(
+    gains: dict[str, float], best: float, leading: str, named: list[str]
+) -> None:
+    force = Hypothesis('a push', 'a force', force='body')
+    known = Hypothesis('known', 'a shove', force='body', repair=Repair('known'))
+    walk = Hypothesis('drifting', 'a drift', momentum=1.0, physical=False)
+    found = [CandidateCause(text, gain, vibrates='swing' in text) for text, gain in gains.items()]
+    sizes = DisturbanceModel(2.0, 1.0), DisturbanceModel(3.0, 10.0)
+    asked: list[float] = []
+
+    def process(_: object, __: object, ___: object, base: float) -> Any:
+        asked.append(base)
+        return finished(sizes)
+
+    made: Any = causes(type('Made', (CandidateCauses,), {'_process': process}), force, known, walk)
+    repairs = returned(made._processes(found, [], None, best, leading, passed(-70.0).gaussian))
+    assert [*repairs] == named
+    assert asked == ([-70.0] if named else [])
+    words = {'a drift': 'drifting', 'a swing: there': 'a swing', 'a force': 'a push'}
+    assert [each.cause for each in repairs.values()] == [words[each] for each in named]
+
+
 def moved(count: int) -> list[Window]:
     """Return windows of a base that moves: a body can be fitted to them."""
     return [joint_window(np.random.default_rng(place).normal(size=(30, JOINTS)), 0.5 * place) for place in range(count)]
@@ -304,10 +345,13 @@ class Isolating(CandidateCauses):
     swung: list[bool]
     changed_at: list[float]
 
+    tried_at: list[Any]
+
     def _fits(self, _: object) -> Any:
-        return finished([fit('declared', 1.0)])
+        return finished([fit('declared', 1.0), fit('other', 0.5)])
 
     def _base(self, _: object, __: object, points: Sequence[object]) -> Any:
+        self.tried_at.extend(points)
         return finished((points[0], 'windows', passed(-600.0, explains=False).gaussian))
 
     def extended(self, *_: object) -> Any:
@@ -315,13 +359,14 @@ class Isolating(CandidateCauses):
 
         def filtered(_: object, hypothesis: Hypothesis, longest: int = 0) -> Any:
             if longest:
+                assert hypothesis is UNDISTURBED
                 return finished(passed(-100.0, explains=self.explained, jumps=self.pulses))
             return finished(passed({'force': self.force - 600.0, 'walk': -120.0}[hypothesis.name]))
 
         return SimpleNamespace(
             filtered=filtered,
             gains=lambda *_: {},
-            unpredicted=lambda *_: np.zeros((0, 6)),
+            unpredicted=lambda _, __, hypothesis: np.zeros((int(hypothesis is not UNDISTURBED), 6)),
             contradicting=lambda _: 40.0,
         )
 
@@ -334,7 +379,8 @@ class Isolating(CandidateCauses):
     def _left_out(self, *_: object) -> Any:
         return iter(())
 
-    def _vibrations(self, *_: object) -> Any:
+    def _vibrations(self, _: object, __: object, unpredicted: Array) -> Any:
+        assert not len(unpredicted)
         return iter(())
 
     def _scored(self, candidate: Any, _: object, contradicting: float) -> Any:
@@ -350,12 +396,22 @@ class Isolating(CandidateCauses):
         return finished([])
 
 
-def isolated(jumps: Sequence[float] = (), **given: object) -> tuple[IsolationResult, Any]:
+def isolated(jumps: Sequence[float] = (), point: Any = None, **given: object) -> tuple[IsolationResult, Any]:
     """Return the result of a search from a pass with a misfit of 500, and the search."""
-    parts = {'found': {}, 'force': 450.0, 'pulses': (), 'explained': True, 'swung': [], 'changed_at': []}
+    parts = {'found': {}, 'force': 450.0, 'pulses': (), 'explained': True, 'swung': [], 'changed_at': []} | {
+        'tried_at': []
+    }
     walk = Hypothesis('walk', 'a walk', physical=False)
     made = causes(type('Made', (Isolating,), parts | given), Hypothesis('force', 'a force'), walk)
-    return returned(made.isolate(windows(20), None, jumps)), made
+    return returned(made.isolate(windows(20), point, jumps)), made
+
+
+@pytest.mark.parametrize('point', [None, 'a point'])
+def test_windows_are_passed_at_the_point_of_the_run_and_at_that_of_the_robot_as_declared(point: object) -> None:
+    _, made = isolated(point=point)
+    layouts = [each for each in made.tried_at if each != 'a point']
+    assert made.tried_at == [*([point] if point else []), ('declared', made.layout)]
+    assert len(layouts) == 1
 
 
 def test_all_gains_of_a_search_are_over_the_same_pass_and_small_ones_are_none() -> None:
@@ -632,3 +688,78 @@ def test_a_sensor_that_contradicts_the_others_is_noisier_than_declared_or_left_o
     assert all(np.isnan(each.knots.base_twist).all() for each in last.windows)
     made = replace(made, layout=replace(made.layout, sensors=sensors[:1]))
     assert len(list(made._without_sensors(windows(2), innovations))) == 1  # a gyro alone locates nothing
+
+
+@pytest.mark.parametrize(
+    ('given', 'searched', 'kept'),
+    [
+        # A convention that leaves a twentieth of the misfit of 100 is enough: several wrong numbers are not looked for.
+        ({'one': 4.9}, [], ['', 'one']),
+        ({'one': 5.1}, ['clock', 'placed', 'scaled', 'mapped'], ['', 'one']),
+        ({'one': 4.9, 'impossible': True}, ['clock', 'placed', 'scaled', 'mapped'], ['', 'one']),
+        # As soon as a search has found one, the next ones are not begun.
+        ({'one': 50.0, 'placed': 1.0}, ['clock', 'placed'], ['', 'one', 'placed']),
+        ({'one': 50.0, 'clock': 6.0}, ['clock', 'placed', 'scaled', 'mapped'], ['', 'one', 'clock']),
+        # One of an earlier search saves another, if the windows agree by now.
+        ({'one': 50.0, 'earlier': 0.9}, [], ['', 'one', 'earlier']),
+        ({'one': 50.0, 'earlier': 1.1}, ['clock', 'placed', 'scaled', 'mapped'], ['', 'one']),
+    ],
+)
+def test_several_wrong_numbers_are_looked_for_where_one_does_not_explain_the_motion(
+    given: dict[str, Any], searched: list[str], kept: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def convention(text: str) -> Any:
+        return SimpleNamespace(text=text, possible=lambda _: text != 'not possible')
+
+    def fitted(_: object, of: Any, every: int) -> Any:
+        assert every == 2
+        exists = not (of.text == 'one' and 'impossible' in given)
+        return SimpleNamespace(convention=of, misfit=given.get(of.text, 100.0), exists=exists)
+
+    begun: list[str] = []
+
+    def search(name: str) -> Any:
+        def run() -> Generator[int, None, list[Any]]:
+            begun.append(name)
+            yield 1
+            return [convention(name)] if name in given else []
+
+        return lambda *_: run()
+
+    monkeypatch.setattr(isolation, 'fitted', fitted)
+    monkeypatch.setattr(isolation, 'Convention', lambda text, _: convention(text))
+    for name, function in {
+        'clock': 'joints_by_another_clock',
+        'placed': 'placed_bases',
+        'scaled': 'scaled_positions',
+        'mapped': 'mapped_joints',
+    }.items():
+        monkeypatch.setattr(isolation, function, search(name))
+    made = replace(causes(), conventions=(lambda _: [convention('one'), convention('not possible')],))
+    made.several.extend([convention('earlier')] if 'earlier' in given else [])
+    found = returned(made._fits([]))
+    assert begun == searched
+    assert [each.convention.text for each in found] == kept
+    assert [each.text for each in made.several if each.text != 'earlier'] == [
+        each for each in kept[2:] if each != 'earlier'
+    ]
+
+
+@pytest.mark.parametrize('point', [None, 'a point'])
+def test_windows_with_data_left_out_are_linearised_where_a_fit_of_them_is(
+    point: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The data left out have misled the run. Their misfits count, not the likelihoods."""
+    monkeypatch.setattr(isolation, 'point_as_described', lambda _, windows: f'of {len(windows)} windows')
+    asked: list[object] = []
+
+    def refined(_: object, at: object, hypothesis: Hypothesis) -> Generator[int, None, Any]:
+        asked.append((at, hypothesis))
+        return finished(passed(-130.0, explains=False))
+
+    passes: Any = SimpleNamespace(refined=refined, contradicting=lambda _: 0.0)
+    made: Any = causes(CandidateCauses, Hypothesis('force', 'a force'))
+    base: Any = SimpleNamespace(misfit=NIS, log_likelihood=-200.0)
+    (cause,) = returned(made._scored(Candidate('a thing', passes, windows(6), point), base, 0.0))
+    assert asked == [(point or 'of 6 windows', UNDISTURBED)]
+    assert cause.gain == (70.0 if point else 0.5 * NIS)
