@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
 from checked import generic
-from mbaid_ros.core.difference import ConsiderParameters, _thinned, concatenated, mean_of_each
+from mbaid_ros.core.difference import ConsiderParameters, _thinned, concatenated, mean_of_each, momentum_jumps
 from mbaid_ros.core.forces import DisturbanceModel, disturbances
 from mbaid_ros.core.geometry import Array, rotate
 from mbaid_ros.core.odometry.model import odometry_mount
@@ -98,3 +101,60 @@ def test_a_force_in_base_axes_turns_with_the_base(spatial: Truth) -> None:
     step = samples.time[1] - samples.time[0]
     mean = 0.5 * step * np.sum(rotate(samples.base_rotation, np.tile(FORCE, (2, 1))), axis=0)
     assert found[:3] == pytest.approx(-mean)
+
+
+WINDOWS, ROWS, NUMBERS, CONSIDERED = 9, 6, 7, 3  # of a sliding window of linear equations
+MOMENTUM_PLACES = slice(4, 7)
+
+
+def sliding(residual: Array, columns: Array, at: Array, seed: int = 1) -> Any:
+    """Return a sliding window of equations with residuals (K, r) at a point, and columns (K, r, e), seen from another.
+
+    The solution is `at`, for which the cost need not be least.
+    """
+    rows = np.random.default_rng(seed).normal(size=(len(residual), ROWS, NUMBERS))
+    begin = np.zeros(NUMBERS)
+    there = residual + np.einsum('krn,n->kr', rows, at)
+    white = SimpleNamespace(rows=rows, residual=residual)
+    return SimpleNamespace(
+        x=at,
+        windows=SimpleNamespace(white=white, columns=columns, x=begin),
+        linear=SimpleNamespace(gradient=np.einsum('krn,kr->n', rows, there)),
+        cross_information=SimpleNamespace(cross=np.einsum('krn,kre->ne', rows, columns)),
+    )
+
+
+def test_a_jump_of_the_momentum_lowers_the_cost_as_one_more_unknown_does() -> None:
+    """Each before another window, with all unknowns solved anew."""
+    residual, at = np.random.default_rng(2).normal(size=(WINDOWS, ROWS)), generic(3, NUMBERS)
+    residual[5:] += 3.0
+    window = sliding(residual, np.zeros((WINDOWS, ROWS, 0)), at)
+    rows = window.windows.white.rows
+    covariance = np.linalg.inv(np.einsum('krn,krm->nm', rows, rows))
+    falls, changes = momentum_jumps(window, MOMENTUM_PLACES, covariance)
+    whole, right = rows.reshape(-1, NUMBERS), -residual.ravel()
+
+    def cost(matrix: Array) -> tuple[float, Array]:
+        found = np.linalg.lstsq(matrix, right, rcond=None)[0]
+        return float(np.sum((matrix @ found - right) ** 2)), found
+
+    without, _ = cost(whole)
+    for place in range(1, WINDOWS):
+        later = np.where(np.arange(WINDOWS)[:, None, None] >= place, rows[..., MOMENTUM_PLACES], 0.0)
+        least, found = cost(np.hstack((whole, later.reshape(len(whole), -1))))
+        assert falls[place - 1] == pytest.approx(without - least, rel=1e-6)
+        assert changes[place - 1] == pytest.approx(found[NUMBERS:], rel=1e-6)
+    assert falls.shape == (WINDOWS - 1,)
+
+
+def test_jumps_by_consider_parameters_are_as_large_as_chance_has_them() -> None:
+    """Without a jump the cost falls by a chi-square of three, however strong the parameters of unit variance are."""
+    rng = np.random.default_rng(4)
+    columns = 2.0 * rng.normal(size=(WINDOWS, ROWS, CONSIDERED))
+    found = []
+    for _ in range(400):
+        residual = columns @ rng.normal(size=CONSIDERED) + rng.normal(size=(WINDOWS, ROWS))
+        window = sliding(residual, columns, np.zeros(NUMBERS))
+        rows = window.windows.white.rows
+        found.append(momentum_jumps(window, MOMENTUM_PLACES, np.linalg.inv(np.einsum('krn,krm->nm', rows, rows)))[0])
+    assert np.mean(found, axis=0) == pytest.approx(np.full(WINDOWS - 1, 3.0), rel=0.2)

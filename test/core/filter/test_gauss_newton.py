@@ -15,8 +15,8 @@ from checked import returned, some
 from floating import make
 from mbaid_ros.core.contracts import STACK, UNDISTURBED, in_stacks
 from mbaid_ros.core.filter import gauss_newton
-from mbaid_ros.core.filter.gauss_newton import BatchIteration, MultiStart, Start
-from mbaid_ros.core.filter.hypotheses import MARGIN, HypothesisFilter
+from mbaid_ros.core.filter.gauss_newton import MASS, BatchIteration, BatchResult, MultiStart, Start
+from mbaid_ros.core.filter.hypotheses import LONGEST_AT_A_GUESS, MARGIN, NO_JUMPS, HypothesisFilter
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.filter.run import Run
 from mbaid_ros.core.geometry import Array
@@ -208,3 +208,275 @@ def test_a_target_that_is_known_beforehand_is_guessed_as_declared_at_the_first_w
     results: list[Any] = returned(MultiStart._from_guesses(search, stacks))
     assert results == ([found] if found else [])
     assert asked == [((list(range(BODY.start, BODY.stop)), 0), 'quiet')]
+
+
+def likely(which: str, likelihood: float) -> Any:
+    """Return a filter after all windows."""
+    return SimpleNamespace(hypothesis=which, gaussian=SimpleNamespace(log_likelihood=likelihood), longest_jump=2)
+
+
+@pytest.mark.parametrize(
+    ('consistent', 'shifted', 'other', 'far', 'leads'),
+    [
+        (False, True, {}, True, True),
+        (True, False, {}, True, True),
+        (True, True, {}, True, False),  # the gain may come from noise in the rows
+        (False, True, {'acceptable': False}, True, False),
+        (False, True, {'consistent': False}, True, False),
+        (False, True, {}, False, False),
+        (False, True, None, True, False),
+    ],
+)
+def test_another_hypothesis_leads_where_it_is_needed_and_explains_all(
+    consistent: bool,
+    shifted: bool,
+    other: dict[str, bool] | None,
+    far: bool,
+    leads: bool,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    quiet, pushed = likely('quiet', 0.0), likely('pushed', 50.0)
+    result: Any = SimpleNamespace(
+        linearised_at='there',
+        windows='windows',
+        point='a point',
+        filtered=quiet,
+        mass_held=False,
+        consistent=consistent,
+    )
+    moved: Any = None
+    if other is not None:
+        own = {'acceptable': True, 'consistent': True} | other
+        moved = SimpleNamespace(linearised_at='elsewhere', windows='others', point='b', filtered=pushed, **own)
+    asked: list[Any] = []
+
+    def priors(hypotheses: Any, longest: int, point: str) -> Any:
+        asked.append((tuple(hypotheses), longest, point))
+        return tuple(hypotheses)
+
+    batch = SimpleNamespace(
+        priors=priors,
+        filter=lambda _, given: finished(tuple(pushed if each == 'pushed' else quiet for each in given)),
+        prior_at=lambda hypothesis, longest: (hypothesis, longest),
+        converge=lambda _, point, prior: finished(moved if (point, prior) == ('a point', ('pushed', 2)) else 'wrong'),
+    )
+    monkeypatch.setattr(gauss_newton, 'joined', lambda bank: bank)
+    monkeypatch.setattr(gauss_newton, 'far_likelier', lambda one, two: (one, two) == (pushed, quiet) and far)
+    monkeypatch.setattr(gauss_newton, 'cap_likelihood', lambda bank: ('capped', *bank))
+    search: Any = SimpleNamespace(hypotheses=('quiet', 'pushed'), batch=batch, _is_hardly_shifted=lambda _: not shifted)
+    found, bank, others = returned(MultiStart._choose_hypothesis(search, [], result))
+    assert (found, others) == ((moved, True) if leads else (result, False))
+    assert bank == ((quiet, pushed) if leads else ('capped', quiet, pushed))
+    expected: list[Any] = [(('pushed',), 2, 'there'), (('quiet', 'pushed'), 2, 'elsewhere')]
+    assert asked == expected[: 1 + leads]
+
+
+@pytest.mark.parametrize(('mass_held', 'shares'), [(False, True), (True, False)])
+def test_a_first_hypothesis_shares_its_root_unless_the_mass_is_held(
+    mass_held: bool, shares: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    quiet, pushed = likely('quiet', 0.0), likely('pushed', 1.0)
+    batch = SimpleNamespace(priors=lambda *_, **__: (), filter=lambda *_: finished((pushed,)))
+    monkeypatch.setattr(gauss_newton, 'joined', lambda bank: bank[::-1])
+    monkeypatch.setattr(gauss_newton, 'leader', lambda _: quiet)
+    search: Any = SimpleNamespace(hypotheses=('quiet', 'pushed'), batch=batch)
+    result: Any = SimpleNamespace(linearised_at=None, windows=None, filtered=quiet, mass_held=mass_held)
+    _, bank, others = returned(MultiStart._choose_hypothesis(search, [], result))
+    assert bank == ((pushed, quiet) if shares else (quiet, pushed))
+    assert not others
+    search.hypotheses = ('quiet',)
+    assert returned(MultiStart._choose_hypothesis(search, [], result))[1] == ((quiet,))
+
+
+@pytest.mark.parametrize(('shift', 'hardly'), [(0.9, True), (-0.9, True), (1.1, False), (-1.1, False)])
+def test_noise_in_the_rows_shifts_a_result_by_a_deviation_at_most(shift: float, hardly: bool) -> None:
+    search: Any = SimpleNamespace(batch=SimpleNamespace(layout=SimpleNamespace(parameters=slice(1, 3))))
+    deviation = np.array([2.0, 0.5])
+    result: Any = SimpleNamespace(
+        distribution=SimpleNamespace(shift=np.array([9.0, 0.0, 0.5 * shift, 9.0])), deviation=deviation
+    )
+    assert MultiStart._is_hardly_shifted(search, result) is hardly
+
+
+def solution(name: str, merit: float, **sure: bool) -> Any:
+    """Return a result whose point has its name."""
+    flags = {'consistent': True, 'acceptable': True} | sure
+    return SimpleNamespace(name=name, merit=merit, point=name, **flags)
+
+
+class Iteration:
+    """Converges from points to given results, and notes how it was asked."""
+
+    def __init__(self, found: dict[str, Any], springs: int = 0) -> None:
+        self._found, self.asked = found, list[tuple[str, Any, bool]]()
+        self.layout = SimpleNamespace(kernel=SimpleNamespace(springs=SimpleNamespace(count=springs)))
+        self.variables = SimpleNamespace(has_body_prior=False)
+
+    @staticmethod
+    def prior_at(hypothesis: str, longest: int, mass: float | None = None) -> Any:
+        """Return the prior."""
+        return hypothesis, longest, mass
+
+    def converge(self, _: object, start: Any, prior: Any, *, mass_held: bool = False) -> Work[Any]:
+        """Return what a start leads to."""
+        name = start if isinstance(start, str) else start.name
+        self.asked.append((name, prior, mass_held))
+        return finished(self._found.get(name))
+
+
+def guess(name: str, mass: float) -> Any:
+    """Return a point with a mass."""
+    parameters = np.zeros(10)
+    parameters[MASS] = mass
+    return SimpleNamespace(name=name, parameters=parameters)
+
+
+def masses(found: dict[str, Any], springs: int = 0, *, hardly: bool = True) -> tuple[list[str], Any]:
+    """Return the names of the results from three guesses, and the iteration."""
+    batch = Iteration(found, springs)
+    guesses = [guess(name, mass) for name, mass in (('a', 3.0), ('b', 1.0), ('c', 10.0))]
+    search: Any = SimpleNamespace(
+        batch=batch, hypotheses=('quiet', 'pushed'), _guesses=lambda *_: guesses, _is_hardly_shifted=lambda _: hardly
+    )
+    stacks: Any = [[SimpleNamespace(windows=())]]
+    results: list[Any] = returned(MultiStart._from_masses(search, stacks, batch))  # type: ignore[arg-type]
+    return [each.name for each in results], batch
+
+
+ANY = ('quiet', LONGEST_AT_A_GUESS, None)
+
+
+def test_each_mass_is_held_first_and_then_let_go_from_the_best_solution() -> None:
+    held = {'a': solution('A', 1.0), 'b': solution('B', 3.0), 'c': solution('C', 2.0)}
+    found, batch = masses({**held, 'B': solution('free B', 4.0)})
+    assert found == ['free B', 'A', 'B', 'C']
+    assert batch.asked == [
+        *((name, ('quiet', LONGEST_AT_A_GUESS, mass), True) for name, mass in (('a', 3.0), ('b', 1.0), ('c', 10.0))),
+        ('B', ANY, False),
+    ]
+    found, _ = masses({**held, 'B': solution('free B', 4.0, acceptable=False), 'C': solution('free C', 0.0)})
+    assert found == ['free B', 'free C', 'A', 'B', 'C']  # one that is not acceptable stays a rival
+    found, _ = masses({'a': held['a'], 'c': held['c']})
+    assert found == ['A', 'C']
+
+
+@pytest.mark.parametrize(
+    ('springs', 'first', 'free', 'hardly', 'found'),
+    [
+        (1, {}, {}, True, ['free A', 'A']),
+        (0, {}, {}, True, ['free A', 'A', 'B']),
+        (1, {'consistent': False}, {}, True, ['free A', 'A', 'B']),
+        (1, {}, {'consistent': False}, True, ['free A', 'A', 'B']),
+        (1, {}, {'acceptable': False}, True, ['free A', 'free B', 'A', 'B']),
+        (1, {}, {}, False, ['free A', 'A', 'B']),
+    ],
+)
+def test_with_passive_joints_one_guess_is_enough_where_its_solution_is_sure(
+    springs: int, first: dict[str, bool], free: dict[str, bool], hardly: bool, found: list[str]
+) -> None:
+    results = {'a': solution('A', 9.0, **first), 'A': solution('free A', 9.0, **free), 'b': solution('B', 3.0)}
+    results['B'] = solution('free B', 5.0, acceptable=not (free or first) or 'acceptable' in free, consistent=False)
+    assert masses(results, springs, hardly=hardly)[0] == found
+
+
+def test_a_loose_swing_is_tightened_from_the_best_solution_of_each_stage(monkeypatch: pytest.MonkeyPatch) -> None:
+    batch = Iteration({})
+    stages = [Iteration({'B': solution('one', 1.0)}), Iteration({'one': solution('two', 1.0)})]
+    monkeypatch.setattr(gauss_newton, 'from_loose_swing', lambda _: ['loose', *stages])
+    asked: list[Any] = []
+
+    def from_masses(_: object, first: Any) -> Work[Any]:
+        asked.append(first)
+        return finished([solution('A', 1.0), solution('B', 2.0)])
+
+    search: Any = SimpleNamespace(batch=batch, hypotheses=('quiet', 'pushed'), _from_masses=from_masses)
+    results: list[Any] = returned(MultiStart._from_guesses(search, []))
+    assert (asked, [each.name for each in results]) == (['loose'], ['two'])
+    assert [each.asked for each in stages] == [[(name, ('quiet', NO_JUMPS, None), False)] for name in ('B', 'one')]
+    stages[0]._found.clear()  # a stage that leads nowhere
+    assert returned(MultiStart._from_guesses(search, [])) == []
+    search._from_masses = lambda *_: finished([])
+    assert returned(MultiStart._from_guesses(search, [])) == []
+
+
+@pytest.mark.parametrize('name', ['servicer7', 'table1'])
+@pytest.mark.parametrize('declared', [0.0, 7.0])
+def test_guesses_are_balls_of_the_declared_mass_or_of_parts_of_the_known_one(declared: float, name: str) -> None:
+    """A quarter of the robot's length in radius, where it has seven links at most."""
+    servicer = kernel(name)
+    mean = np.zeros(BODY.stop)
+    mean[BODY.start] = declared
+    batch = SimpleNamespace(
+        layout=SimpleNamespace(kernel=servicer),
+        variables=SimpleNamespace(mean=mean, tracked=None, typical_momentum=[1.0]),
+    )
+    search: Any = SimpleNamespace(batch=batch, _beginning=lambda body, _: body)
+    layout: Any = SimpleNamespace(point=lambda body: body)
+    known = float(np.sum(servicer.known[:, 0]))
+    guessed: list[Any] = MultiStart._guesses(search, [], layout)
+    assert [body[0] for body in guessed] == pytest.approx([7.0] if declared else [0.3 * known, 0.1 * known, known])
+    lengths = [float(np.sqrt(each @ each)) for each in servicer.model.positions]
+    radius = 0.25 * sum(lengths) * min(1.0, 7.0 / len(lengths))
+    for body in guessed:
+        moments = np.array([[body[4], body[5], body[6]], [body[5], body[7], body[8]], [body[6], body[8], body[9]]])
+        assert moments == pytest.approx(body[0] * radius**2 * np.eye(3))
+        assert not body[1:4].any()
+    tracked = SimpleNamespace(grasp_known=True, point=lambda mass: ('tracked', mass))
+    batch.variables.tracked = tracked
+    placed: list[Any] = MultiStart._guesses(search, [], layout)
+    assert [each for each, _ in placed] == ['tracked'] * 3
+    tracked.grasp_known = False
+    assert len(MultiStart._guesses(search, [], layout)) == len(guessed)
+
+
+def outcome(likelihood: float = 0.0, nis: float = 100.0, **changes: Any) -> BatchResult:
+    """Return the outcome of an iteration with hundred measured numbers and a mass of 10 kg, known to 1 kg."""
+    parameters, deviation = np.zeros(16), np.ones(16)
+    parameters[MASS] = changes.pop('mass', 10.0)
+    parameters[0] = changes.pop('momentum', 0.0)
+    deviation[MASS] = changes.pop('deviation', 1.0)
+    gaussian = SimpleNamespace(log_likelihood=likelihood, nis=nis, measured=100)
+    flags = {'converged': True, 'physical': True, 'mass_held': False} | changes
+    nothing: Any = None
+    point: Any = SimpleNamespace(parameters=parameters)
+    filtered: Any = SimpleNamespace(gaussian=gaussian)
+    return BatchResult(point, nothing, nothing, filtered, nothing, deviation, **flags)
+
+
+@pytest.mark.parametrize(
+    ('changes', 'consistent', 'acceptable'),
+    [
+        ({}, True, True),
+        ({'nis': 300.0}, False, True),
+        ({'converged': False}, False, False),
+        ({'physical': False}, False, False),
+        ({'deviation': 9.9}, True, False),
+        ({'mass': -10.0}, True, False),
+        ({'nis': 300.0, 'deviation': 9.9}, False, False),
+    ],
+)
+def test_what_an_iteration_has_come_to(changes: dict[str, Any], *, consistent: bool, acceptable: bool) -> None:
+    result = outcome(**changes)
+    assert (result.consistent, result.acceptable) == (consistent, acceptable)
+
+
+def test_results_stand_by_their_likelihood_with_a_free_mass_and_convergence_first() -> None:
+    held, free = outcome(likelihood=100.0, mass_held=True), outcome(likelihood=0.0)
+    unsure = outcome(likelihood=MARGIN + 1.0, converged=False)
+    worse = outcome(likelihood=MARGIN - 1.0, converged=False)
+    assert sorted((held, free, unsure, worse), key=lambda each: each.merit) == [held, worse, free, unsure]
+
+
+@pytest.mark.parametrize(
+    ('likelihood', 'momentum', 'rivals'),
+    [
+        (0.0, 0.0, False),  # the same point
+        (0.0, 30.0, True),
+        (0.0, -30.0, True),
+        (1.0 - MARGIN, 30.0, True),
+        (-1.0 - MARGIN, 30.0, False),
+        (50.0, 30.0, True),
+    ],
+)
+def test_a_rival_is_about_as_likely_elsewhere(likelihood: float, momentum: float, *, rivals: bool) -> None:
+    assert outcome().is_rivalled_by(outcome(likelihood, momentum=momentum)) is rivals
