@@ -7,7 +7,7 @@ import pytest
 
 from checked import some
 from mbaid_ros.core.contracts import Convention
-from mbaid_ros.core.links import impossible, mistaken_masses
+from mbaid_ros.core.links import impossible, mistaken_masses, mistaken_tensors
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.momentum import MomentumKernel
 
@@ -91,3 +91,61 @@ def test_an_arm_is_in_grams_where_it_is_denser_than_lead_or_the_base_lighter_tha
         assert each.kernel.known[0] == pytest.approx(kernel.known[0])
         if each.repair:
             assert some(each.repair.conversion).masses == {'link1': 1e-3, 'link2': 1e-3}
+
+
+def test_a_link_is_a_thousand_times_as_heavy_or_light_and_a_base_as_heavy_alone() -> None:
+    """An arm in grams is a base in tonnes; the target's mass is unknown anyhow."""
+    kernel = dense(300.0, 2700.0, 2700.0, 900.0)
+    found = {each.text.partition(' times')[0]: each for each in mistaken_masses(kernel) if 'links' not in each.text}
+    units = {f'link link{link} is {unit}': (link, unit) for link in (1, 2) for unit in ('1000', '0.001')}
+    assert set(found) == {'link base_link is 1000', *units}
+    for text, each in found.items():
+        link, unit = units.get(text, (0, '1000'))
+        expected = kernel.known.copy()
+        expected[link] /= float(unit)
+        assert each.kernel.known == pytest.approx(expected)
+        if link:
+            assert some(some(each.repair).conversion).masses == {f'link{link}': pytest.approx(1.0 / float(unit))}
+        else:
+            assert each.repair is None
+
+
+def inertial(mass: float, moments: tuple[float, ...], rpy: str = '0 0 0', place: str = '0 0 0') -> str:
+    """Return a description of mass and inertia (ixx, iyy, izz, ixy, ixz, iyz)."""
+    tensor = ' '.join(
+        f'{key}="{value}"' for key, value in zip(('ixx', 'iyy', 'izz', 'ixy', 'ixz', 'iyz'), moments, strict=True)
+    )
+    return f'<inertial><origin xyz="{place}" rpy="{rpy}"/><mass value="{mass}"/><inertia {tensor}/></inertial>'
+
+
+BALL = (4.0, 4.0, 4.0, 0.0, 0.0, 0.0)
+LONG = (4.0, 5.0, 6.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ('link', 'meant'),
+    [
+        (inertial(2.0, BALL), []),
+        (inertial(2.0, BALL, rpy='0.3 0 0'), []),
+        (inertial(2.0, BALL, place='1 0 0'), ['about the']),
+        (inertial(2.0, BALL, place='2 0 0'), []),  # of a body that cannot be, so far from the origin
+        (inertial(2.0, LONG, rpy='0.3 0 0'), ['in the axes of the links']),
+        (inertial(2.0, (*LONG[:3], 0.3, 0.2, -0.1)), ['opposite sign']),
+        (inertial(2.0, (*LONG[:3], 0.3, 0.2, -0.1), rpy='0.3 0 0'), ['opposite sign', 'in the axes of the links']),
+    ],
+)
+def test_tensors_are_meant_otherwise_where_that_is_another_body_that_can_be(link: str, meant: list[str]) -> None:
+    joint = '<joint name="{0}" type="continuous"><parent link="{1}"/><child link="{2}"/><axis xyz="0 0 1"/></joint>'
+    description = (
+        f'<robot name="arm"><link name="base_link">{inertial(9.0, BALL)}</link><link name="one">{link}</link>'
+        f'<link name="two">{inertial(2.0, (*LONG[:3], 0.3, 0.2, -0.1), "0.3 0 0", "3 0 0")}</link>'
+        f'{joint.format("a", "base_link", "one")}{joint.format("b", "one", "two")}</robot>'
+    )
+    kernel = MomentumKernel(load_model(description), 'two')  # whose description counts for nothing
+    found = [*mistaken_tensors(kernel)]
+    assert len(found) == len(meant)
+    for each, part in zip(found, meant, strict=True):
+        assert part in each.text
+        assert np.abs(each.kernel.known - kernel.known)[1].max() > 1e-3
+        assert np.array_equal(each.kernel.known[[0, 2]], kernel.known[[0, 2]])
+        assert each.misfit_left == np.inf

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
+from dataclasses import dataclass, replace
 from functools import partial
 from types import SimpleNamespace
 from typing import Any
@@ -12,10 +13,13 @@ import pytest
 
 from checked import generic, returned
 from mbaid_ros.core.contracts import UNDISTURBED, Hypothesis
-from mbaid_ros.core.diagnosis.passes import FilterPasses, estimated_repair
+from mbaid_ros.core.diagnosis import passes
+from mbaid_ros.core.diagnosis.passes import FilterPasses, Fit, contradicting_unknowns, estimated_repair
 from mbaid_ros.core.filter.gaussian import SquareRootInformation
+from mbaid_ros.core.filter.hypotheses import HypothesisFilter
 from mbaid_ros.core.filter.linearise import WhitenedWindow
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
+from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.odometry.model import odometry_mount, odometry_scale, twist_bias
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.state import BODY, MOMENTUM, POSE, Declared, Layout
@@ -216,3 +220,111 @@ def test_a_cause_by_itself_comes_before_a_kind_of_its_name() -> None:
         estimated_repair(distribution, layout, cause) for cause in ('thruster', 'thruster:left', 'lag', 'zero')
     ]
     assert found == ['thruster', 'thruster:left', 'lag:elbow', None]
+
+
+@pytest.mark.parametrize(
+    ('mass', 'least', 'exists'),
+    [(-0.04, None, True), (-0.06, None, False), (0.04, 0.05, False), (0.06, 0.05, True), (-0.04, 0.05, False)],
+)
+def test_a_fitted_target_has_a_mass_but_for_noise_or_the_least_that_a_convention_asks_for(
+    mass: float, least: float | None, exists: bool
+) -> None:
+    """In parts of the mass of the known bodies."""
+    known = np.array([[7.0, 1.0], [3.0, 1.0]])
+    convention: Any = SimpleNamespace(least_mass=None if least is None else 10.0 * least)
+    convention.kernel = SimpleNamespace(known=known)
+    parameters = np.full(16, -9.0)
+    parameters[6] = 10.0 * mass
+    assert Fit(convention, parameters, 0.0).exists is exists
+
+
+def test_a_point_of_passes_with_more_unknowns_is_that_of_the_run_with_zeros() -> None:
+    at = LAYOUT.point(np.arange(LAYOUT.size, dtype=float))
+    shorter = replace(at, parameters=at.parameters[:12], nuisance=at.nuisance[:1])
+    asked: list[Any] = []
+
+    def relinearise(_: object, point: Any) -> Generator[int, None, str]:
+        asked.append(point)
+        yield 1
+        return 'windows'
+
+    kind = type('Made', (FilterPasses,), {'_batch': SimpleNamespace(relinearise=relinearise)})
+    made = kind(LAYOUT, PlaneDetector(SERVICER.model), Declared())
+    assert returned(made.linearised([], shorter)) == 'windows'
+    (point,) = asked
+    assert point.parameters.tolist() == [*at.parameters[:12], *[0.0] * (len(at.parameters) - 12)]
+    assert point.nuisance.tolist() == [*at.nuisance[:1], *[0.0] * (len(at.nuisance) - 1)]
+
+
+class Changing(FilterPasses):
+    """Passes in which the target changes: each window adds its number to the likelihood."""
+
+    seen: list[Any]
+
+    def linearised(self, windows: Any, point: Any) -> Generator[int, None, Any]:
+        """Return the windows with the point that they are linearised at."""
+        yield 1
+        return [(each, (each, point)) for each in windows]
+
+    def filtered(self, passed: Any, hypothesis: Any, longest: int = 0, begin: Any = None) -> Generator[int, None, Any]:
+        """Return the sum of the windows passed, of a point that is known better by each pass."""
+        assert (hypothesis, longest) == ('quiet', 0)
+        self.seen.append(([number for number, _ in passed], {point for _, (_, point) in passed}, begin is not None))
+        yield 1
+        before = begin.gaussian.log_likelihood if begin else 0.0
+        known: Any = Known(before + sum(each for each, _ in passed))
+        return HypothesisFilter(UNDISTURBED, known)
+
+    def _point(self, gaussian: Any) -> Any:
+        return f'by {gaussian.log_likelihood:g}'
+
+
+@dataclass(frozen=True)
+class Known:
+    """The likelihood of a Gaussian."""
+
+    log_likelihood: float
+
+
+def test_a_target_changes_between_two_windows_that_a_rare_event_explains(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each of three passes is linearised at the one before; what is skipped costs its gain as a rare event."""
+    monkeypatch.setattr(passes, 'update', lambda gaussian, white: Known(gaussian.log_likelihood + 100.0 * white[0]))
+    monkeypatch.setattr(passes, 'rare_event_likelihood', lambda after: after.log_likelihood - 0.5)
+    monkeypatch.setattr(passes, 'another_body', lambda gaussian, *_, **__: replace(gaussian, log_likelihood=-7e7))
+    kind = type('Made', (Changing,), {'seen': []})
+    made = kind(LAYOUT, PlaneDetector(SERVICER.model), Declared())
+    numbers: Any = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0]
+    points: Any = ('before', 'after')
+    quiet: Any = 'quiet'
+    found = returned(made.target_changes(numbers, 3, points, quiet, exchanged=True))
+    assert found.gaussian.log_likelihood == 1.0 + 2.0 + 4.0 + (800.0 - 0.5) + (1600.0 - 0.5) + 32.0 + 64.0
+    first, later = [1.0, 2.0, 4.0], [32.0, 64.0]
+    last = f'by {found.gaussian.log_likelihood:g}'
+    assert made.seen == [
+        *((first, {'before'}, False), (later, {'after'}, True)),
+        *((first, {'by 7'}, False), (later, {last}, True)) * 2,
+    ]
+
+
+def test_unknowns_that_contradict_the_model_are_causes_with_what_they_gain() -> None:
+    def unknown(finding: Any, *numbers: float) -> Any:
+        def found(mean: Array, covariance: Array) -> Any:
+            assert mean.tolist() == [*numbers]
+            assert np.diag(covariance).tolist() == [10.0 * each for each in numbers]
+            return finding
+
+        return SimpleNamespace(finding=found)
+
+    place = BODY.stop
+    layout: Any = SimpleNamespace(
+        unknowns=(
+            unknown(SimpleNamespace(text='a', gain=20.0, repair='how'), 1.0, 2.0),
+            unknown(None, 3.0),
+            unknown(SimpleNamespace(text='b', gain=None, repair=None), 4.0),
+        ),
+        places=(slice(place, place + 2), slice(place + 2, place + 3), slice(place + 3, place + 4)),
+    )
+    mean = np.concatenate((np.full(place, 9.0), np.arange(1.0, 5.0)))
+    distribution: Any = SimpleNamespace(mean=mean, unknowns_covariance=np.diag([10.0, 20.0, 30.0, 40.0]))
+    found = [*contradicting_unknowns(distribution, layout)]
+    assert [(each.text, each.gain, each.repair) for each in found] == [('a', 20.0, 'how'), ('b', 0.0, None)]

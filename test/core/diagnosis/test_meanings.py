@@ -10,16 +10,20 @@ from typing import Any
 import numpy as np
 import pytest
 
-from checked import generic, returned
+from checked import generic, returned, some
+from mbaid_ros.core.diagnosis import readings
 from mbaid_ros.core.diagnosis.readings import (
     _GEARS,
     _ZEROS,
     Meaning,
+    Motion,
     _accepted,
     _sparse,
     as_read,
     combined,
     joint_meaning,
+    joints_by_another_clock,
+    mapping_text,
     placed_bases,
     singles,
     together,
@@ -33,6 +37,7 @@ class Linear:
     """Readings of n joints that mean something: residuals are linear in what a meaning's zeros and gears are off by."""
 
     goal, moved = 4.0 * NOISE**2, 1.0
+    misfits = Motion.misfits
 
     def __init__(self, meant: Meaning, unseen: int | None = None) -> None:
         self._meant, joints = meant, len(meant.zeros)
@@ -133,3 +138,146 @@ def test_nothing_is_looked_for_in_few_windows_or_joints(joints: int, read: int, 
     assert returned(joint_meaning(without, windows)) is None
     if read == joints:
         assert returned(placed_bases(without, windows, None)) == []
+
+
+NAMES = [f'j{number}' for number in range(1, 6)]
+
+
+def mapped(columns: Sequence[int] = range(5), gains: dict[int, float] | None = None, **zeros: float) -> str:
+    """Return what is said of five joints with other columns, gains by index, and zeros by name (rad)."""
+    meant = meaning([(gains or {}).get(place, 1.0) for place in range(5)], [zeros.get(name, 0.0) for name in NAMES])
+    return mapping_text(NAMES, meant._replace(columns=np.array(columns)))
+
+
+@pytest.mark.parametrize(
+    ('meant', 'text'),
+    [
+        ({'j2': 0.5}, 'the zero is off, of j2 by -28.6 degrees: publish j2 = j2 + 0.5000'),
+        (
+            {'j2': 0.5, 'j5': -0.1},
+            'the zeros are off, of j2 by -28.6 degrees, j5 by +5.7 degrees: publish j2 = j2 + 0.5000; j5 = j5 - 0.1000',
+        ),
+        ({'gains': {0: -1.0}}, 'the sign of j1 is wrong: publish j1 = -j1'),
+        ({'gains': {0: -1.0, 3: -1.0}}, 'the signs of j1, j4 are wrong: publish j1 = -j1; j4 = -j4'),
+        ({'gains': {2: -0.25}}, 'the sign of j3 is wrong, j3 reads 4 times its motion: publish j3 = -0.25 j3'),
+        ({'columns': [0, 3, 2, 1, 4]}, 'j2 and j4 are swapped: publish j2 = j4; j4 = j2'),
+        (
+            {'columns': [1, 0, 2, 4, 3]},
+            'j1 and j2 and j4 and j5 are swapped: publish j1 = j2; j2 = j1; j4 = j5; j5 = j4',
+        ),
+        (
+            {'columns': [1, 2, 0, 3, 4]},
+            'the readings of j1, j2, j3 stand under the wrong names: publish j1 = j2; j2 = j3; j3 = j1',
+        ),
+    ],
+)
+def test_a_meaning_is_said_with_the_mapping_to_publish(meant: dict[str, Any], text: str) -> None:
+    assert mapped(**meant) == text
+
+
+@pytest.mark.parametrize(
+    ('columns', 'text'),
+    [
+        ([4, 0, 1, 2, 3], 'moved by 1'),
+        ([1, 2, 3, 4, 0], 'moved by 1'),
+        ([2, 3, 4, 0, 1], 'moved by 2'),
+        ([3, 4, 0, 1, 2], 'moved by 2'),
+        ([4, 3, 2, 1, 0], 'in reversed order'),
+    ],
+)
+def test_names_that_are_moved_or_reversed_together_are_said_once(columns: list[int], text: str) -> None:
+    assert mapped(columns).startswith(f'the joint readings stand under the wrong names, {text}: publish')
+
+
+class Clocked:
+    """A motion whose residuals grow with how far the rate of the joints' clock is from the true one."""
+
+    def __init__(self, rate: float, true: float) -> None:
+        self._rate, self._true = rate, true
+
+    def residuals(self, _: object) -> Array:
+        """Return them, of one meaning."""
+        return np.array([[self._rate - self._true, 0.0]])
+
+
+@pytest.mark.parametrize(
+    ('true', 'length', 'found'),
+    [
+        (1.08, 20.0, 1.08),
+        (0.91, 20.0, 0.91),
+        (1.4, 20.0, 1.275),  # a quarter at most, and as much again as the last step
+        (1.4, 100.0, 1.155),  # thirty steps at most, each of half a second at the end
+        (1.02, 20.0, None),  # less than half a second at the end
+        (1.03, 20.0, 1.03),
+        (0.98, 20.0, None),
+        (1.006, 100.0, 1.006),
+        (1.004, 100.0, None),
+    ],
+)
+def test_the_rate_of_another_clock_is_looked_for_as_far_as_a_run_is_long(
+    true: float, length: float, found: float | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    last = SimpleNamespace(start=length - 0.5, length=0.5)
+    tried: list[float] = []
+
+    def restamped(windows: Any, rate: float) -> Any:
+        tried.append(rate)
+        return [rate] * (
+            len(windows) if rate <= true + 0.06 else 11
+        )  # where too few windows are left there is no motion
+
+    monkeypatch.setattr(readings, 'restamped', restamped)
+    monkeypatch.setattr(readings, 'motion_of', lambda _, windows, __: Clocked(windows[0], true))
+    robot: Any = SimpleNamespace(model=SimpleNamespace(joints=3))
+    windows: Any = [None] * 19 + [last]
+    conventions = returned(joints_by_another_clock(robot, windows))
+    assert len(conventions) == (found is not None)
+    for each in conventions:
+        assert some(some(each.repair).conversion).clock == pytest.approx(found, abs=1e-3)
+        assert f'run {some(some(each.repair).conversion).clock:.3g} times as fast' in each.text
+    assert returned(joints_by_another_clock(robot, windows[:11])) == []
+
+
+@pytest.mark.parametrize(
+    ('gains', 'zeros', 'searched', 'found'),
+    [
+        ([1.0, 1.0, 1.0, 1.0], [0.0, 0.0, 0.0, 0.0], False, False),
+        ([1.0, 1.0, 1.0, 1.0], [0.0, 0.6, 0.0, -0.4], False, True),
+        ([1.0, 2.0, 1.0, 1.0], [0.0, 0.6, 0.0, 0.0], False, True),
+        ([-1.0, 1.0, 1.0, 1.0], [0.0, 0.6, 0.0, 0.0], False, True),
+        ([-1.0, -1.0, 1.0, 1.0], [0.0, 0.6, 0.0, 0.0], True, True),
+        ([5.0, 1.0, 1.0, 1.0], [0.0, 0.0, 0.0, 0.0], True, False),  # no gear
+    ],
+)
+def test_several_errors_are_combined_where_no_single_one_explains_the_readings(
+    gains: list[float], zeros: list[float], searched: bool, found: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    motion: Any = Linear(meaning(gains, zeros))
+    asked: list[int] = []
+
+    def several(joints: int) -> Iterable[Meaning]:
+        asked.append(joints)
+        return combined(joints)
+
+    monkeypatch.setattr(readings, 'motion_of', lambda *_: motion)
+    monkeypatch.setattr(readings, 'combined', several)
+    robot: Any = SimpleNamespace(model=SimpleNamespace(joints=4, independent_joints=range(4)))
+    windows: Any = [None] * 20
+    result = returned(joint_meaning(robot, windows))
+    assert bool(asked) is searched
+    assert (result is not None) is found
+    if result is not None:
+        assert result.gains == pytest.approx(gains, rel=0.02)
+        assert result.zeros == pytest.approx(zeros, abs=0.02)
+
+
+def test_small_errors_of_continuous_numbers_are_no_reason_to_combine_discrete_ones(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    motion: Any = Linear(meaning([-1.0, -1.0, 1.0, 1.0], [0.0] * 4))
+    motion.moved = 1e9  # beside which all that is left is little
+    monkeypatch.setattr(readings, 'motion_of', lambda *_: motion)
+    monkeypatch.setattr(readings, 'combined', lambda _: pytest.fail('combined'))
+    robot: Any = SimpleNamespace(model=SimpleNamespace(joints=4, independent_joints=range(4)))
+    windows: Any = [None] * 20
+    assert returned(joint_meaning(robot, windows)) is None
