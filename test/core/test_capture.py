@@ -373,3 +373,102 @@ def test_a_capture_in_a_bag(capsys: pytest.CaptureFixture[str], tmp_path: Path) 
     early = recorded.write(tmp_path / 'early', free_model(), sensed(run.truth, 2)[:350])
     assert replay([str(early), *arguments[1:-2]]) == 3
     assert 'the data end before the capture: capture.time puts it at 400 s' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ('settling', 'starts', 'used'),
+    [
+        (0.0, [0.0, 0.499, 0.5, 1.0], [0.5, 1.0]),  # half a second, in which bodies touch and slip
+        (0.2, [0.499, 0.5], [0.5]),
+        (2.0, [0.5, 1.999, 2.0, 2.5], [2.0, 2.5]),
+    ],
+)
+def test_windows_count_from_the_margin_or_until_the_body_has_settled(
+    settling: float, starts: list[float], used: list[float]
+) -> None:
+    made: Any = announced()
+    given, noted = list[float](), list[float]()
+    made._settling, made._begun = settling, True
+
+    def update(windows: list[Samples], _origin: int) -> list[Estimate]:
+        given.extend(float(each.time[0]) for each in windows)
+        return []
+
+    made._method = SimpleNamespace(update=update)
+    made._note_target_pose = lambda window, time: noted.append(float(window.time[0]) - time)
+    made._target_pose = 'a pose'
+    ended = list[float]()
+    made._add_known_windows = ended.append
+    window = pieces()[0]
+    later = [replace(window, time=BEGIN + start + 0.01 * np.arange(len(window.time))) for start in starts]
+    made.update(later, 0)
+    assert given == pytest.approx([BEGIN + each for each in used])
+    assert noted == pytest.approx(starts)
+    assert ended == [BEGIN - 0.5] * len(starts)
+    made._estimates.append('an estimate')
+    made.update(later, 0)
+    assert len(noted) == len(starts)  # the pose is known as well as it will be
+    made._target_pose = None
+    made.update(later, 0)
+    assert len(noted) == 2 * len(starts)
+
+
+@pytest.mark.parametrize(
+    ('time', 'latest', 'estimates', 'phase'),
+    [
+        (None, 99.0, 0, 'pre_capture'),
+        (5.0, 4.9, 0, 'pre_capture'),
+        (5.0, 5.0, 0, 'capture'),
+        (5.0, 5.0, 1, 'post_capture'),
+    ],
+)
+def test_the_phase_of_a_capture(time: float | None, latest: float, estimates: int, phase: str) -> None:
+    made: Any = announced()
+    made.time, made._latest = time, latest
+    made._estimates.extend(['an estimate'] * estimates)
+    assert made.phase == phase
+
+
+def test_a_jump_in_two_windows_is_a_capture_in_the_first_of_them() -> None:
+    made: Any = announced()
+    made.time = None
+    sizes = iter([59.0, 61.0, 59.0, 61.0, 61.0])
+    made._known = SimpleNamespace(innovation_squared=lambda _: next(sizes))
+    times = []
+    for window in pieces()[:5]:
+        made._detect_capture(window)
+        times.append(made.time)
+    assert times == [None] * 4 + [float(pieces()[3].time[0])]
+
+
+@pytest.mark.parametrize(
+    ('residual', 'redundancy', 'doubted'),
+    [(2.1, 1000, True), (1.9, 1000, False), (2.1, 0, False), (np.nan, 1000, False)],
+)
+def test_a_known_model_is_doubted_by_what_enough_windows_leave(
+    residual: float, redundancy: int, *, doubted: bool
+) -> None:
+    made: Any = announced()
+    made._largest_residual = 2.0
+    made._known = SimpleNamespace(chaser=lambda: SimpleNamespace(residual=residual), redundancy=redundancy)
+    assert bool(made._doubts()) is doubted
+    made._known.chaser = lambda: None
+    assert not made._doubts()
+
+
+def test_what_a_body_brought_is_its_velocity_and_its_spin_about_its_centre() -> None:
+    """Of a body of known inertia that moves and turns as given, about the origin of the odometry."""
+    made: Any = announced()
+    body = np.array([5.0, 0.3, -0.2, 0.4, 2.0, 0.3, -0.1, 3.0, 0.2, 4.0])
+    (rotation,), place = exp(generic(1, 1, 3)), generic(2, 3)
+    velocity, spin = generic(3, 3), generic(4, 3)
+    inertia = np.array([[2.0, 0.3, -0.1], [0.3, 3.0, 0.2], [-0.1, 0.2, 4.0]])
+    momentum = np.concatenate((5.0 * velocity, rotation @ inertia @ rotation.T @ spin))
+    momentum[3:] += np.cross(place + rotation @ body[1:4], momentum[:3])
+    made._target_pose = 0.1, rotation, place
+    found = made._motion(momentum, body)
+    assert found[0] == pytest.approx(velocity)
+    assert found[1] == pytest.approx(spin)
+    assert np.isnan(made._motion(momentum, None)).all()
+    made._target_pose = None
+    assert np.isnan(made._motion(momentum, body)).all()

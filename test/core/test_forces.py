@@ -4,21 +4,36 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
 from benchmarks.honesty.disturbed import AXES
+from checked import generic, same
 from floating import float_freely, follow, make, normalised, true_momentum
 from mbaid_ros.core.clocks import time_offset
-from mbaid_ros.core.forces import FAR_THRUST, NOT_FINITE_THRUST, UNKNOWN_FRAME, Thrust
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.forces import (
+    FAR_THRUST,
+    NOT_FINITE_THRUST,
+    UNKNOWN_FRAME,
+    DisturbanceConfig,
+    DisturbanceModel,
+    Thrust,
+    declared_disturbances,
+    disturbances,
+    thrusters,
+)
+from mbaid_ros.core.geometry import Array, exp
+from mbaid_ros.core.orbit import OrbitConfig
+from mbaid_ros.core.repair import widened
 from mbaid_ros.core.robot.model import load_model
 from mbaid_ros.core.robot.momentum import MomentumKernel, Storage
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.state import Declared
-from mbaid_ros.core.wheels import spin_inertias
+from mbaid_ros.core.wheels import make_storage, spin_inertias
+from mbaid_ros.errors import ParameterError
 from mbaid_ros.simulation.environment import Environment, Wheels
 from mbaid_ros.simulation.motion import Sinusoids
 from mbaid_ros.simulation.simulation import Simulation, Truth, total_momentum
@@ -127,7 +142,7 @@ def test_two_publishers_of_one_frame_are_reported() -> None:
     assert commands(thrust_of(), force, torque, count=12) == 'base_link'
     assert commands(thrust_of(), force, ZERO) == ''  # pulses
     assert commands(thrust_of(), force, FORCE_TORQUE) == ''
-    assert commands(thrust_of(), *[force] * 10, *[torque] * 10) == ''  # one that does the one and then the other
+    assert commands(thrust_of(), *[force] * 10, *[torque] * 10, count=400) == ''  # one that does this, and then that
 
 
 def test_commands_that_cannot_be_used_are_counted() -> None:
@@ -239,3 +254,102 @@ def test_simulated_wheels_exchange_momentum(joints: Sinusoids) -> None:
     # A later begin makes no difference.
     later = wheels.from_time(7.0)
     assert later.speeds(np.array([0.0, 4.0])) == pytest.approx(wheels.speeds(np.array([7.0, 11.0])), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('names', 'axes', 'inertias', 'said'),
+    [
+        (['a'], [0.0, 0.0, 0.0], [0.1], "'wheels.axes' is [0.0, 0.0, 0.0]"),
+        (['a', 'b'], [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], [0.1, 0.1], 'not all of them 0'),
+        (['a'], [1.0, 0.0], [0.1], "'wheels.axes' has 2 numbers; accepted: 3"),
+        (['a'], [1.0, 0.0, 0.0], [], "'wheels.spin_inertias' has 0 numbers; accepted: 1"),
+        (['a', 'a'], [1.0, 0.0, 0.0] * 2, [0.1, 0.1], "'wheels.names' is a, a"),
+        (['a', 'joint1'], [1.0, 0.0, 0.0] * 2, [0.1, 0.1], "'wheels.names' is a, joint1"),
+    ],
+)
+def test_wheels_that_cannot_be_are_refused(
+    names: list[str], axes: list[float], inertias: list[float], said: str
+) -> None:
+    with pytest.raises(ParameterError) as error:
+        make_storage(names, axes, inertias, robot('servicer7'))
+    assert said in str(error.value)
+
+
+def test_wheels_spin_about_their_axes_of_any_length() -> None:
+    model = robot('servicer7')
+    made = make_storage(['a', 'b'], [2.0, 0.0, 0.0, 0.0, -3.0, 4.0], [0.5, 0.25], model, 0.1)
+    unit = np.array([[1.0, 0.0, 0.0], [0.0, -0.6, 0.8]])
+    expected = Storage.from_wheels(model.link(model.base_link), ['a', 'b'], unit, [0.5, 0.25], 0.1)
+    assert same(made, expected)
+
+
+def test_a_torque_and_a_force_change_the_momentum_as_they_do_at_the_centre_of_mass() -> None:
+    """In inertial axes and in those of the base; a force acts through the common centre of mass."""
+    whole, rotation = generic(1, 2, 10), exp(generic(2, 2, 3))
+    whole[:, 0] = 3.0, 7.0
+    for axes, turned in (('inertial', np.tile(np.eye(3), (2, 1, 1))), ('body', rotation)):
+        torque, force = disturbances(*(DisturbanceModel(1.0, 0.0, axes) for _ in range(2)))  # type: ignore[arg-type]
+        given = whole, np.zeros(3), np.zeros(2), rotation
+        push = generic(3, 3)
+        pushed, twisted = force.momentum_rates(*given) @ push, torque.momentum_rates(*given) @ push
+        for place in range(2):
+            acting = turned[place] @ push
+            centre = whole[place, 1:4] / whole[place, 0]
+            assert pushed[place] == pytest.approx(np.concatenate((acting, np.cross(centre, acting))))
+            assert twisted[place] == pytest.approx(np.concatenate((np.zeros(3), acting)))
+
+
+@pytest.mark.parametrize(
+    ('off', 'parameters'),
+    [
+        ((0.35, 0.0, 0.0, 0.0, 0.0), ['scale_std']),
+        ((0.25, 0.0, 0.0, 0.0, 0.0), ['scale_std']),  # none is far off: the furthest
+        ((0.25, 0.0, 0.14, 0.0, 0.0), ['direction_std']),
+        ((-0.35, 0.0, -0.16, 0.01, 0.0), ['scale_std', 'direction_std']),
+        ((0.0, 0.0, 0.0, 0.0, -0.07), ['delay_std']),
+        ((0.1, 0.16, 0.0, 0.0, 0.07), ['direction_std', 'delay_std']),
+    ],
+)
+def test_numbers_of_a_thruster_that_are_three_deviations_off_are_declared_wider(
+    off: tuple[float, ...], parameters: list[str]
+) -> None:
+    """Of the second thruster of two, with a tenth of scale, .05 rad and .02 s."""
+    unknown = thrusters(['link1', 'link3'], [(0.5, 0.5, 0.5), (0.1, 0.05, 0.02)])
+    value = np.array(off)
+    repair = unknown.repair('thrust:link3', value, 0.01 * np.arange(1.0, 6.0), kernel('servicer7'))
+    sizes = {'scale_std': value[:1], 'direction_std': value[1:4], 'delay_std': value[4:]}
+    assert repair.parameters == {
+        f'thrust.link3.{name}': widened(float(np.abs(sizes[name]).max())) for name in parameters
+    }
+    assert (repair.value, repair.std) == (off[0], 0.01)
+
+
+@pytest.mark.parametrize(
+    ('given', 'said'),
+    [
+        ({'torque_time': 0.4}, "'disturbance.torque_time' is 0.4 s; accepted: 0, or at least window, 0.5 s"),
+        ({'force_time': 0.4}, "'disturbance.force_time' is 0.4 s"),
+        ({'torque_time': 0.5, 'force_time': 0.0}, ''),
+        ({'axes': 'orbit'}, "'disturbance.axes' is 'orbit'"),
+        ({'axes': 'orbit', 'mean_motion': 1e-3}, ''),
+        ({'axes': 'orbit', 'mean_motion': 1e-3, 'epoch': 5.0}, "'disturbance.axes' is 'orbit'"),
+        ({'axes': 'inertial', 'epoch': 5.0}, ''),
+    ],
+)
+def test_forces_from_outside_vary_slowly_and_have_the_axes_of_an_orbit_that_is_known(
+    given: dict[str, Any], said: str
+) -> None:
+    orbit = OrbitConfig(
+        mean_motion=given.pop('mean_motion', 0.0), epoch=given.pop('epoch', 0.0), nadir=(1.0, 0.0, 0.0),
+        normal=(0.0, 0.0, 1.0),
+    )  # fmt: skip
+    config = DisturbanceConfig(torque_std=0.1, force_std=0.2, **given)
+    if said:
+        with pytest.raises(ParameterError) as error:
+            declared_disturbances(config, orbit, 0.5, located=True)
+        assert said in str(error.value)
+        return
+    torque, force = declared_disturbances(config, orbit, 0.5, located=True)
+    assert (torque.model.deviation, force.model.deviation) == (0.1, 0.2)
+    assert (torque.model.orbit is not None) is (config.axes == 'orbit')
+    assert declared_disturbances(config, orbit, 0.5, located=False)[1].count == 0

@@ -550,3 +550,121 @@ def test_the_joints_delay_is_unknown_where_it_is_not_estimated(monkeypatch: pyte
     assert np.isnan(joint_delay(either, either)).all()
     estimated.append(('delay', np.array([0.02]), np.array([0.003])))
     assert joint_delay(either, either) == (0.02, 0.003)
+
+
+@pytest.mark.parametrize(
+    ('change', 'twist', 'changed'), [(None, '', False), ('a change', '', True), (None, 'the twist is wrong', True)]
+)
+def test_a_run_has_changed_with_its_target_or_without_its_twist(change: Any, twist: str, *, changed: bool) -> None:
+    assert METHOD.changed.fget(stub(_change=change, _wrong_twist=twist)) is changed
+
+
+@pytest.mark.parametrize('twist', ['', 'the twist is wrong'])
+def test_windows_that_come_are_expected_without_a_wrong_twist(twist: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, 'without_twist', lambda window: f'{window} without')
+    expect = Calls()
+    method = stub(_wrong_twist=twist, run=None)
+    method._usable_part = lambda window: METHOD._usable_part(method, window)
+    METHOD._expect(method, ['one', 'two'])  # there is no run yet
+    method.run = stub(expect=expect)
+    METHOD._expect(method, ['three', 'four'])
+    end = ' without' if twist else ''
+    assert expect.made == [([f'three{end}', f'four{end}'],)]
+    assert method._coming == ['three', 'four']
+
+
+def test_a_new_run_is_led_through_the_windows_since_its_begin(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each is added when the work on those before it is done; then it expects those that come."""
+    order = list[Any]()
+
+    class Noting:
+        def __init__(self, *given: Any) -> None:
+            self.given = given
+
+        def expect(self, windows: list[str]) -> None:
+            order.append(('expect', *windows))
+
+        def add(self, window: str, later: Any, *, joints_moved: bool) -> None:
+            order.append(('add', window, later, joints_moved))
+
+    monkeypatch.setattr(module, 'Run', Noting)
+    monkeypatch.setattr(module, 'CandidateCauses', lambda *given: ('candidates', *given))
+    monkeypatch.setattr(module, 'FaultIsolation', lambda *given: ('isolation', *given))
+    settings = stub(
+        hypotheses='bank', declared='declared', suspects='suspects', conventions='conventions', noise='noise', kept=7
+    )
+    tasks = stub(finish_due=lambda: order.append('done'))
+    method = stub(_settings=settings, _layout='layout', _plane='plane', _variables='variables', tasks=tasks)
+    method._coming, method._usable_part = ['later'], lambda window: f'part of {window}'
+    run = METHOD._new_run(method, ['one', 'two'])
+    assert run.given == ('layout', 'variables', 'bank', 7, tasks)
+    parts = ('layout', 'plane', 'declared', 'bank', 'suspects', 'conventions')
+    assert method._isolation == ('isolation', ('candidates', *parts), 'noise', tasks)
+    assert order == [
+        ('expect', 'one', 'two'),
+        *(('add', 'one', None, True), 'done', ('add', 'two', None, True), 'done'),
+        ('expect', 'part of later'),
+    ]
+
+
+@pytest.mark.parametrize('exchanged', [False, True])
+@pytest.mark.parametrize(('known', 'state'), [(True, True), (False, True), (False, False)])
+def test_a_run_after_a_change_of_the_target_knows_the_robot_and_the_jumps_before(
+    known: bool, state: bool, exchanged: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Windows begin to count two later: the target may change for as long."""
+    slack = module._SETTLING * 2.0
+    asked = list[Any]()
+    events = [stub(time=time) for time in (3.0, 10.0 - slack - 1e-3, 10.0 - slack, 10.0)]
+
+    def moments(gaussian: str, variables: str) -> Any:
+        return stub(of=(gaussian, variables), mean=np.arange(30.0), factor=np.eye(30))
+
+    def another(gaussian: str, variables: str, *, exchanged: bool) -> Any:
+        asked.append((gaussian, variables, exchanged))
+        return stub(root='root')
+
+    monkeypatch.setattr(module, 'MeanAndCovariance', stub(from_gaussian=moments))
+    monkeypatch.setattr(module, 'jumps', lambda best, *_: [*events] if best == 'best' else [])
+    monkeypatch.setattr(module, 'another_body', another)
+    monkeypatch.setattr(module, 'replace', lambda what, **new: (what, new))
+    before, continued = Calls(), Calls()
+
+    def gaussian_before(*given: Any) -> str | None:
+        before(*given)
+        return 'before' if known else None
+
+    def for_new_target(root: str, mean: Any, *, exchanged: bool) -> str:
+        continued(root, mean[-1], exchanged)
+        return 'new variables'
+
+    run = stub(
+        gaussian_before=gaussian_before,
+        best='best',
+        has_state=state,
+        distribution=lambda: 'distribution',
+    )
+    space = stub(for_new_target=for_new_target)
+    method = stub(
+        _settings=stub(window=2.0),
+        _isolation=stub(windows_since=lambda time: [time]),
+        _variables=space,
+        _averaging=stub(origin=None),
+        _layout='layout',
+        _events=lambda now: [stub(time=-1.0, now=now)],
+        _new_run=lambda windows: ('run', windows),
+    )
+    assert METHOD._run_after(method, run, stub(time=10.0, exchanged=exchanged)) == ('run', [10.0 + slack])
+    assert before.made == [(10.0, slack)]
+    first, *jumped = method._earlier
+    assert (first.now is not None) == known
+    assert jumped == (events[:2] if state else [])
+    assert (method._change.time, method._change.exchanged) == (10.0, exchanged)
+    if not known:
+        assert (asked, continued.made, method._layout, method._variables) == ([], [], 'layout', space)
+        return
+    assert (asked, continued.made) == ([('before', space, exchanged)], [('root', 29.0, exchanged)])
+    (layout, new) = method._layout
+    assert (layout, method._variables) == ('layout', 'new variables')
+    assert new['known'].mean.tolist() == np.arange(30.0)[BODY.stop :].tolist()
+    assert np.array_equal(new['known'].factor, np.eye(30)[BODY.stop :])

@@ -423,3 +423,24 @@ def test_a_clock_that_creeps_and_is_set_back_by_a_part_of_an_interval_is_named(
     assert any('the joint states went back by' in text for text in estimate.warnings) == named
     copies = np.repeat(SPACING * np.arange(COUNT), 1 + (np.arange(COUNT) % 100 == 50))[:COUNT]
     assert not any('went back' in text for text in found(motion(0), pieces, stamps=copies).warnings)
+
+
+@pytest.mark.parametrize(('zeros', 'away', 'named'), [(10, 2e-4, True), (9, 2e-4, False), (10, 5e-5, False)])
+def test_ten_poses_of_zeros_before_one_that_is_none_are_no_tracking(zeros: int, away: float, named: bool) -> None:
+    """A position or an orientation further away than its noise ends them; later ones count for nothing."""
+    stamp, none = SPACING * np.arange(40), np.zeros((40, 3))
+    for turned in (False, True):
+        rotation, position = np.tile(np.eye(3), (40, 1, 1)), np.zeros((40, 3))
+        if turned:
+            rotation[zeros:, 0, 1] = -away
+        else:
+            position[zeros:, 2] = -away
+        faults = PlainFaults(robot('servicer7'), 1e-4)
+        position[30:] = 0.0
+        base = BaseStream(stamp, position, rotation, none, none, *np.zeros((2, 40, 6, 6)))
+        for part in (base[:5], base[5:25], base[25:]):
+            faults.add({}, part)
+            assert named or not faults.texts
+        said = [each for each in faults.texts if 'poses of the base are zero' in each]
+        assert bool(said) is named
+        assert all(each.startswith(f'the first {zeros} poses') for each in said)

@@ -33,6 +33,7 @@ from mbaid_ros.core.poses import (
     pose_check,
     pose_drift,
     pose_errors,
+    pose_wander,
 )
 from mbaid_ros.core.poses import _between as between
 from mbaid_ros.core.poses import _interpolation as interpolation
@@ -610,3 +611,20 @@ def test_a_sensor_of_other_axes_or_units_is_reported(
         assert found.text.startswith(named)
         assert found.severity == 'conflict'
         assert some(found.repair).parameters == {'poses.mocap.use': False}
+
+
+@pytest.mark.parametrize(
+    ('measures', 'rows'), [('both', slice(0, 6)), ('orientation', slice(0, 3)), ('position', slice(3, 6))]
+)
+def test_correlated_errors_are_those_of_their_sensor_alone(measures: str, rows: slice) -> None:
+    config = NamedPoseConfig(measures=measures, position_std=0.3, orientation_std=0.2, correlation_time=5.0)
+    unknown = pose_wander('mocap', config)
+    motion = cast('Motion', SimpleNamespace(time=np.zeros(2)))
+    assert unknown.measured('poses.camera', motion) is None
+    columns = some(unknown.measured('poses.mocap', motion))
+    assert np.array_equal(columns, np.tile(np.eye(6)[rows], (2, 1, 1)))
+    sizes = np.array([0.2] * 3 + [0.3] * 3)[rows]
+    assert np.diag(unknown.factor @ unknown.factor.T)[rows] == pytest.approx(sizes**2)
+    assert np.count_nonzero(unknown.factor) == unknown.count == len(sizes)
+    assert unknown.time_constants.tolist() == [5.0] * len(sizes)
+    assert pose_wander('mocap', replace(config, correlation_time=0.0)).count == 0

@@ -12,6 +12,7 @@ from mbaid_ros.core.clocks import (
     Reorder,
     StampPattern,
     TimeOffsetConfig,
+    UnevenStamps,
     clock_drift,
     declared_drift,
     declared_offset,
@@ -19,6 +20,7 @@ from mbaid_ros.core.clocks import (
     restamped,
     time_offset,
 )
+from mbaid_ros.core.contracts import CLEAR, NominalModel
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import JointStream, Stamps
 from observed import kernel
@@ -271,3 +273,38 @@ def test_delays_that_are_tried_and_how_a_run_takes_each_into_account(unchanged: 
     for each in (declared_offset(off), declared_drift(off), declared_offset(config, jointed=False)):
         assert not each.factor.any()
     assert not declared_drift(config, jointed=False).factor.any()
+
+
+@pytest.mark.parametrize(('value', 'taken'), [(0.031, 0.031), (-0.031, -0.031), (0.029, 0.0), (-0.029, 0.0)])
+def test_joints_are_taken_later_by_a_delay_that_is_clearly_one(value: float, taken: float) -> None:
+    offset = time_offset(0.05)
+    found = offset.linearisation_value(np.array([value]), np.array([0.03 / CLEAR]))
+    assert found.tolist() == [taken]
+    nominal = NominalModel(kernel('servicer7'), np.zeros(7), np.zeros(6), 0.2)
+    assert offset.applied_to(nominal, np.array([value])).delay == pytest.approx(0.2 + value)
+
+
+@pytest.mark.parametrize(
+    ('followed', 'scatter', 'squares', 'alone'),
+    [
+        (0.0, 1.0, 20.0, True),
+        (0.4, 1.0, 80.0, True),
+        (0.4, 1.0, 46.0, True),  # of noise without what they follow
+        (0.4, 1.0, 43.0, False),
+        (0.6, 1.0, 1000.0, False),  # the readings follow more than half of it
+        (0.0, 1.0, 15.0, False),  # by chance: sixteen are four deviations
+        (0.0, 1.0, 17.0, True),
+        (0.0, 2.0, 60.0, False),  # of noise twice as large
+        (0.0, 2.0, 70.0, True),
+        (0.0, 0.1, 15.0, False),  # declared noise counts at least
+    ],
+)
+def test_stamps_are_uneven_alone_where_the_readings_do_not_follow_them(
+    followed: float, scatter: float, squares: float, alone: bool
+) -> None:
+    """Readings of unit noise: a part of what the stamps would move them by, beside a scatter."""
+    stamps, number = UnevenStamps('readings', 1.0), 100.0
+    products = followed * squares
+    rest = number * scatter**2 + products**2 / squares
+    found = stamps._alone(np.array([number, number * 4e-6, squares, products, rest]))
+    assert found == (pytest.approx(2e-3) if alone else 0.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -516,3 +516,12 @@ def test_a_gyro_alone_shows_the_angular_momentum(servicer7: MomentumKernel, exac
     lost = replace(alone, knots=replace(alone.knots, further=np.full_like(alone.knots.further, np.nan)))
     assert not angular_momentum(servicer7, target, [lost]).any()
     assert angular_momentum(servicer7, target, [lost, alone]) == pytest.approx(found)
+
+
+def test_windows_with_a_twist_of_its_own_have_no_integral_of_one() -> None:
+    nothing = IntegratedTwist.none(3, 20)
+    shapes = {item.name: getattr(nothing, item.name).shape for item in fields(nothing)}
+    of_each = {'integral_value': (6,), 'mean_value': (6,), 'white': (6, 6)}
+    of_each |= {'integral_rows': (6, 20), 'mean_rows': (6, 20)}
+    assert shapes == {name: (3, *of_each.get(name, ())) for name in shapes}
+    assert not any(getattr(nothing, name).any() for name in shapes)
