@@ -6,7 +6,16 @@ from functools import partial
 
 import numpy as np
 
-from benchmarks.appendages import PANELS, SLOSH, servicer, with_fuel, with_grasp, with_panel_on_the_target, with_panels
+from benchmarks.appendages import (
+    PANELS,
+    SLOSH,
+    servicer,
+    with_fuel,
+    with_grasp,
+    with_mast,
+    with_panel_on_the_target,
+    with_panels,
+)
 from benchmarks.data import CONFIG, NOISE, RATE
 from benchmarks.frame import PUBLISHED, Frame, Runs, declared, number, percent, statuses
 from benchmarks.honesty.runs import FAR
@@ -70,6 +79,7 @@ ROWS = (
     _panels(FAST, 0.3, 0.02, 3.0),
     Row(f'none{ERRORS}', servicer(), errors=True),
     _panels(ERRORS, 0.3, 0.02, errors=True),
+    Row(f'a mast of 18 kg, 1 Hz{ERRORS}', with_mast(), ('mast',), 1.0, (0.05,), errors=True),
 )
 _DRAWN = {f'model_errors.{part}': 1e-3 for part in ('zero_std', 'origin_std', 'axis_std')}
 _DRAWN['model_errors.links_relative_std'] = 0.01

@@ -10,6 +10,13 @@ _PANEL = """
   <origin xyz="{place}" rpy="0 0.3 0"/><axis xyz="1 0 0"/>
   <limit lower="-0.6" upper="0.6" effort="1" velocity="1"/></joint>
 """
+_MAST = """
+<link name="mast"><inertial><origin xyz="0 3 0"/><mass value="18"/>
+  <inertia ixx="54" ixy="0" ixz="0" iyy="1.2" iyz="0" izz="55"/></inertial></link>
+<joint name="mast" type="revolute"><parent link="base_link"/><child link="mast"/>
+  <origin xyz="-0.1 0.65 0" rpy="0 0.3 0"/><axis xyz="1 0 0"/>
+  <limit lower="-0.6" upper="0.6" effort="1" velocity="1"/></joint>
+"""
 SLOSH = ('slosh_x', 'slosh_y', 'slosh_z')
 
 
@@ -27,6 +34,11 @@ def with_panels() -> str:
         _PANEL.format(side='right', com='-1.1', place='-0.1 -0.65 0', parent='base_link'),
         lighter=40.0,
     )
+
+
+def with_mast() -> str:
+    """Return it with a mast of 18 kg and 6 m: its swing turns the satellite far."""
+    return servicer(_MAST)
 
 
 def with_panel_on_the_target() -> str:

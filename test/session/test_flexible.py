@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from benchmarks.appendages import PANELS, SLOSH, with_fuel, with_grasp, with_panel_on_the_target, with_panels
+from benchmarks.appendages import (
+    PANELS,
+    SLOSH,
+    with_fuel,
+    with_grasp,
+    with_mast,
+    with_panel_on_the_target,
+    with_panels,
+)
 from mbaid_ros.bags import BAG_TYPES
 from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.config.parameter_files import load_parameter_file
@@ -26,6 +34,7 @@ FAR = 4.0  # standard deviations of a frequency: one in 16 000
 ROBOTS = {
     'panels': (with_panels(), PANELS, (0.3, 0.31), (0.02, -0.01)),
     'stiff panels': (with_panels(), PANELS, (1.0, 1.03), (0.005, -0.003)),
+    'mast': (with_mast(), ('mast',), (1.0,), (0.05,)),
     'soft panels': (with_panels(), PANELS, (0.1, 0.103), (0.02, -0.01)),
     'panel on the target': (with_panel_on_the_target(), PANELS[:1], (0.3,), (0.02,)),
     'propellant': (with_fuel(20.0), SLOSH, (0.1, 0.1, 0.1), (0.02, 0.0, 0.01)),
@@ -35,11 +44,13 @@ TARGETS = {'compliant grasp': 'target'}
 
 
 @cache
-def simulated(name: str, seed: int, seconds: float) -> tuple[SimulatedRun, tuple[TimedMessage, ...]]:
+def simulated(
+    name: str, seed: int, seconds: float, rate: float = 50.0
+) -> tuple[SimulatedRun, tuple[TimedMessage, ...]]:
     urdf, joints, frequencies, deflections = ROBOTS[name]
     values = load_parameter_file(CONFIG / 'servicer7_simulator.yaml', 'simulator')
     start = [*(0.4, 0.7, -0.3, 0.9, 0.5, -0.6, 0.2), *deflections]
-    values |= {'joint_rate': 50.0, 'odometry_rate': 50.0, **NOISE, 'seed': seed}
+    values |= {'joint_rate': rate, 'odometry_rate': rate, **NOISE, 'seed': seed}
     values['target_link'] = TARGETS.get(name, 'link7')
     values |= {'initial.joint_positions': start, 'flexible.joints': list(joints)}
     values |= {f'flexible.{joint}.frequency': each for joint, each in zip(joints, frequencies, strict=True)}
@@ -127,6 +138,16 @@ def test_a_compliant_grasp_is_identified_with_windows_of_its_period() -> None:
     assert last.status in {'estimating', 'converged'}, last.warnings
     error = last.parameters - run.target_inertia
     assert error @ np.linalg.solve(last.covariance, error) < chi2.isf(1e-3, 10)
+
+
+@pytest.mark.long
+def test_a_mast_that_turns_the_satellite_far_is_followed_from_a_wrong_frequency() -> None:
+    run, messages = simulated('mast', 1, 12.0, rate=100.0)
+    config = build(EstimatorConfig, {**NOISE, 'target_link': 'link7', **declared('mast', 0.1)})
+    last = feed(messages, Session(config, ROBOTS['mast'][0]))[-1]
+    assert last.status in {'estimating', 'converged'}, last.warnings
+    assert np.all(np.abs(last.parameters - run.target_inertia) < FAR * last.std)
+    assert abs(last.flexible[0].frequency - 1.0) < FAR * last.flexible[0].frequency_std < 0.02
 
 
 @pytest.mark.long

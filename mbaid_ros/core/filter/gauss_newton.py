@@ -69,6 +69,7 @@ _LARGEST_SHIFT = 1.0  # standard deviations that noise in the rows may move a re
 # Natural frequency (Hz) from which it is loose first: an iteration follows the three periods of the first 5 s only.
 _FAST = 0.6
 _LOOSE = (1.0, 0.1, 0.01)  # unmodelled excitation, in deviations of the swing at the start
+_FEWEST, _LONGER = 3, 3  # first windows that a swing is followed over, and the part of them by which these then grow
 
 
 def is_converged(step: Array, deviation: Array) -> bool:
@@ -444,7 +445,7 @@ class MultiStart:
             if result.consistent or other_leads:
                 break
         else:
-            results += yield from self._from_guesses(stacks)
+            results += yield from self._from_guesses(stacks, windows[:count])
             if not results:
                 raise np.linalg.LinAlgError('no start leads to a robot that can be')
             result = max(results, key=lambda each: each.merit)
@@ -460,7 +461,7 @@ class MultiStart:
             bank = yield from self.batch.filter(linearised, bank)
         return Start(bank, chosen.linearised_at, accepted, covariance, nonlinearity)
 
-    def _from_guesses(self, stacks: list[list[Stack]]) -> Work[list[BatchResult]]:
+    def _from_guesses(self, stacks: list[list[Stack]], windows: Sequence[Window]) -> Work[list[BatchResult]]:
         """Return the solutions with each guessed mass held, and from the best of these with any mass.
 
         Where the rows are as noisy as the motion is large, an iteration may converge with narrow intervals although
@@ -475,9 +476,33 @@ class MultiStart:
         for stage in stages if results else []:
             point = max(results, key=lambda each: each.merit).point
             result = yield from stage.converge(stacks, point, self.batch.prior_at(self.hypotheses[0], NO_JUMPS))
+            results = [] if result is None else [result]
             if result is None:
-                return []
-            results = [result]
+                break
+        swinging = self.batch.layout.kernel.springs.count > 0
+        if swinging and not any(each.consistent for each in results):
+            results += yield from self._following_a_swing(stacks, windows)
+        return results
+
+    def _following_a_swing(self, stacks: list[list[Stack]], windows: Sequence[Window]) -> Work[list[BatchResult]]:
+        """Return solutions from points that explain ever more of the first windows, with a guessed mass.
+
+        A frequency off by a few percent puts a large swing out of phase by the last window, and no iteration leads
+        back. In the first ones it is still in phase.
+        """
+        results: list[BatchResult] = []
+        for guess in self._guesses([window for stack in stacks[0] for window in stack.windows], self.batch.layout):
+            prior = self.batch.prior_at(self.hypotheses[0], NO_JUMPS, float(guess.parameters[MASS]))
+            point, count = guess, _FEWEST
+            while count < len(windows):
+                result = yield from self.batch.converge(in_stacks(windows[:count]), point, prior, mass_held=True)
+                if result is not None and result.filtered.gaussian.nis < HOPELESS * result.filtered.gaussian.measured:
+                    point = result.point
+                count += max(1, count // _LONGER)
+            result = yield from self.batch.converge(stacks, point, self.batch.prior_at(self.hypotheses[0], NO_JUMPS))
+            results += [] if result is None else [result]
+            if result is not None and result.consistent:
+                break
         return results
 
     def _from_masses(self, stacks: list[list[Stack]], batch: BatchIteration) -> Work[list[BatchResult]]:

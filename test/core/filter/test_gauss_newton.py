@@ -15,7 +15,7 @@ from checked import returned, some
 from floating import make
 from mbaid_ros.core.contracts import STACK, UNDISTURBED, in_stacks
 from mbaid_ros.core.filter import gauss_newton
-from mbaid_ros.core.filter.gauss_newton import MASS, BatchIteration, BatchResult, MultiStart, Start
+from mbaid_ros.core.filter.gauss_newton import HOPELESS, MASS, BatchIteration, BatchResult, MultiStart, Start
 from mbaid_ros.core.filter.hypotheses import LONGEST_AT_A_GUESS, MARGIN, NO_JUMPS, HypothesisFilter
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.filter.run import Run
@@ -183,10 +183,10 @@ def test_a_search_without_a_point_takes_the_best_of_all_guesses(monkeypatch: pyt
     monkeypatch.setattr(gauss_newton, 'MeanAndCovariance', MagicMock())
     monkeypatch.setattr(gauss_newton, 'leader', MagicMock())
     guessed: list[Any] = [MagicMock(merit=(True, merit), linearised_at=merit) for merit in (1.0, 3.0, 2.0)]
-    search: Any = MagicMock(hypotheses=('quiet',), _from_guesses=lambda _: finished(guessed))
+    search: Any = MagicMock(hypotheses=('quiet',), _from_guesses=lambda *_: finished(guessed))
     search._choose_hypothesis = lambda _, chosen: finished((chosen, 'bank', False))
     assert returned(MultiStart.search(search, [], [])).point == guessed[1].linearised_at
-    search._from_guesses = lambda _: finished([])
+    search._from_guesses = lambda *_: finished([])
     with pytest.raises(np.linalg.LinAlgError):
         returned(MultiStart.search(search, [], []))
 
@@ -205,7 +205,7 @@ def test_a_target_that_is_known_beforehand_is_guessed_as_declared_at_the_first_w
     search: Any = SimpleNamespace(batch=batch, hypotheses=('quiet', 'pushed'))
     search._beginning = lambda body, windows: (body.tolist(), windows)
     stacks: Any = [[SimpleNamespace(windows=2 * part + each) for each in (0, 1)] for part in (0, 1)]
-    results: list[Any] = returned(MultiStart._from_guesses(search, stacks))
+    results: list[Any] = returned(MultiStart._from_guesses(search, stacks, []))
     assert results == ([found] if found else [])
     assert asked == [((list(range(BODY.start, BODY.stop)), 0), 'quiet')]
 
@@ -390,13 +390,13 @@ def test_a_loose_swing_is_tightened_from_the_best_solution_of_each_stage(monkeyp
         return finished([solution('A', 1.0), solution('B', 2.0)])
 
     search: Any = SimpleNamespace(batch=batch, hypotheses=('quiet', 'pushed'), _from_masses=from_masses)
-    results: list[Any] = returned(MultiStart._from_guesses(search, []))
+    results: list[Any] = returned(MultiStart._from_guesses(search, [], []))
     assert (asked, [each.name for each in results]) == (['loose'], ['two'])
     assert [each.asked for each in stages] == [[(name, ('quiet', NO_JUMPS, None), False)] for name in ('B', 'one')]
     stages[0]._found.clear()  # a stage that leads nowhere
-    assert returned(MultiStart._from_guesses(search, [])) == []
+    assert returned(MultiStart._from_guesses(search, [], [])) == []
     search._from_masses = lambda *_: finished([])
-    assert returned(MultiStart._from_guesses(search, [])) == []
+    assert returned(MultiStart._from_guesses(search, [], [])) == []
 
 
 @pytest.mark.parametrize('name', ['servicer7', 'table1'])
@@ -480,3 +480,55 @@ def test_results_stand_by_their_likelihood_with_a_free_mass_and_convergence_firs
 )
 def test_a_rival_is_about_as_likely_elsewhere(likelihood: float, momentum: float, *, rivals: bool) -> None:
     assert outcome().is_rivalled_by(outcome(likelihood, momentum=momentum)) is rivals
+
+
+def test_a_swing_is_followed_over_ever_more_windows_from_points_that_explain_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """No impulse explains a swing that is out of phase, and where nothing is solved the point before stays."""
+    monkeypatch.setattr(gauss_newton, 'in_stacks', list)
+    misfits = {3: HOPELESS - 0.01, 4: HOPELESS + 0.01, 5: 0.5, 6: None}
+    begun: list[tuple[int, Any, Any, bool]] = []
+
+    def converge(windows: Any, point: Any, prior: Any, *, mass_held: bool = False) -> Work[Any]:
+        begun.append((len(windows), point, prior, mass_held))
+        misfit = misfits.get(len(windows), 1.0)
+        gaussian = SimpleNamespace(nis=misfit and 30.0 * misfit, measured=30)
+        found: Any = SimpleNamespace(point=f'by {len(windows)}', filtered=SimpleNamespace(gaussian=gaussian))
+        found.consistent = len(begun) > 7  # of the second guess
+        return finished(None if misfit is None else found)
+
+    first, second, third = (SimpleNamespace(parameters=np.arange(16.0) + mass) for mass in (0.0, 1.0, 2.0))
+    layout = SimpleNamespace(kernel=SimpleNamespace(springs=SimpleNamespace(count=1)))
+    batch: Any = SimpleNamespace(prior_at=lambda *asked: asked, converge=converge, layout=layout)
+    search: Any = SimpleNamespace(batch=batch, hypotheses=('quiet', 'pushed'))
+    search._guesses = lambda *_: (first, second, third)
+    windows: Any = range(11)
+    results: list[Any] = returned(MultiStart._following_a_swing(search, [[]], windows))
+    assert [each[0] for each in begun] == 2 * [3, 4, 5, 6, 8, 10, 1]
+    assert [each[1] for each in begun] == [
+        *(first, 'by 3', 'by 3', 'by 5', 'by 5', 'by 8', 'by 10'),
+        *(second, 'by 3', 'by 3', 'by 5', 'by 5', 'by 8', 'by 10'),
+    ]
+    held = [('quiet', NO_JUMPS, mass) for mass in (6.0, 7.0)]
+    assert [each[2:] for each in begun] == [
+        call for prior in held for call in (*(6 * [(prior, True)]), (('quiet', NO_JUMPS), False))
+    ]
+    assert [each.consistent for each in results] == [False, True]  # the third mass is not needed
+
+
+@pytest.mark.parametrize(
+    ('found', 'springs', 'followed'),
+    [([False, True], 1, False), ([False], 1, True), ([], 1, True), ([False], 0, False)],
+)
+def test_a_swing_is_followed_from_the_first_windows_where_nothing_else_explains_them(
+    monkeypatch: pytest.MonkeyPatch, found: list[bool], springs: int, *, followed: bool
+) -> None:
+    monkeypatch.setattr(gauss_newton, 'from_loose_swing', lambda batch: [batch])
+    layout = SimpleNamespace(kernel=SimpleNamespace(springs=SimpleNamespace(count=springs)))
+    batch = SimpleNamespace(layout=layout, variables=SimpleNamespace(has_body_prior=False))
+    results = [SimpleNamespace(consistent=each) for each in found]
+    search: Any = SimpleNamespace(batch=batch, hypotheses=('quiet',))
+    search._from_masses = lambda *_: finished([*results])
+    search._following_a_swing = lambda *_: finished(['followed'])
+    assert returned(MultiStart._from_guesses(search, [], [])) == [*results, *(['followed'] if followed else [])]
