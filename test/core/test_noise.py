@@ -664,3 +664,57 @@ def test_levels_are_listed_with_that_in_use_first() -> None:
 )
 def test_noise_is_as_declared_where_it_is_white_and_of_that_size(changes: dict[str, Any], *, as_declared: bool) -> None:
     assert noise_levels(**changes).as_declared is as_declared
+
+
+@pytest.mark.parametrize(('seconds', 'clear'), [(0.12, False), (1.0, True)])
+def test_few_differences_of_poses_leave_open_how_noisy_they_are(seconds: float, *, clear: bool) -> None:
+    joints, base = streams(seconds, 100.0)
+    levels = LevelEstimator(MID, joints.position.shape[1])
+    levels.add_readings(joints, None)
+    assert levels.levels_at(ALL, 0.01, free=(False, False)).clear  # where there are no poses nothing is open
+    levels.add_readings(None, base)
+    found = levels.levels_at(ALL, 0.01, free=(True, True))
+    assert np.isfinite(found.factor[2:]).all() == clear
+    assert found.clear is clear
+
+
+def test_levels_that_were_clear_stay_where_a_motion_hides_them_later() -> None:
+    """Of a base that shakes: what was used stays in use; of one that shakes from the begin nothing is known."""
+    joints, base = streams(20.0, 100.0)
+    later = np.arange(len(base.stamp)) >= 400
+    shaken = np.where(later, np.sin(0.6 * np.arange(len(base.stamp))), 0.0)[:, None] * np.ones(3)
+    moved = as_declared(
+        base,
+        base.position + 20.0 * shaken,
+        exp(shaken) @ base.rotation,
+        base.linear_velocity + 5.0 * shaken,
+        base.angular_velocity + 5.0 * shaken,
+    )
+    levels = LevelEstimator(MID, joints.position.shape[1])
+    levels.add_readings(joints, moved)
+    before = levels.levels_at(int(base.stamp[399]), 0.01, free=(False, False))
+    after = levels.levels_at(ALL, 0.01, free=(False, False))
+    assert np.isfinite(before.factor).all()
+    assert before.used[2:].any()
+    for kept in ('factor', 'used', 'contradicted'):
+        assert getattr(after, kept)[2:].tolist() == getattr(before, kept)[2:].tolist()
+    assert after.times.tolist() == before.times.tolist()
+    calm = LevelEstimator(MID, joints.position.shape[1])
+    calm.add_readings(joints, base)
+    first, last = (calm.levels_at(stamp, 0.01, free=(False, False)) for stamp in (int(base.stamp[399]), ALL))
+    assert first.factor == pytest.approx(before.factor)
+    assert np.all(last.factor != first.factor)  # where nothing hides them they go on
+    late = LevelEstimator(MID, joints.position.shape[1])
+    late.add_readings(joints[400:], moved[400:])
+    unknown = late.levels_at(ALL, 0.01, free=(False, False))
+    assert np.isnan(unknown.factor[2:]).all()
+    assert not unknown.clear
+
+
+def test_errors_that_last_are_clear_although_they_grow_from_stride_to_stride() -> None:
+    joints, base = drifting(1.0, 1.0, 0)
+    levels = LevelEstimator(MID, joints.position.shape[1])
+    levels.add_readings(joints, base)
+    found = levels.levels_at(ALL, 0.01, free=(False, False))
+    assert np.all(found.times > 0.0)
+    assert found.clear

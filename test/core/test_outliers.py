@@ -19,13 +19,17 @@ from mbaid_ros.core.outliers import (
     JOINT_OUTLIER,
     JOINTS_HELD,
     OUTLIER,
+    QUARTILE_OF_ONE,
     REPEATED_POSE,
     Copies,
     Flips,
     FrameJumps,
+    MisfitScale,
     Outliers,
     Repeats,
+    _first_of_equals,
     _leaps,
+    _ScoredReadings,
 )
 from mbaid_ros.core.samples import BaseStream, JointStream, Stamps
 from windowed import base_stream, piece
@@ -508,3 +512,112 @@ def test_orientations_alone_jump_as_well() -> None:
     assert 'by 2.9 degrees at' in jumps.text(2**62, 0)
     assert jumps.found[0].variance[1] == 0.0
     np.testing.assert_allclose(found.rotation, base.rotation, atol=1e-3)
+
+
+@pytest.mark.parametrize('pieces', [1, 5])
+def test_the_scale_of_misfits_is_their_size_as_soon_as_enough_are_known(pieces: int) -> None:
+    """Of lengths of vectors and of single numbers; it starts at ten times the declared noise, and is never less."""
+    rng, count = np.random.default_rng(0), 10_000
+    vectors, single = np.linalg.norm(rng.normal(size=(count, 3)), axis=1), np.abs(rng.normal(size=count))
+    misfit = np.column_stack((5.0 * vectors, 7.0 * single, 0.1 * single))
+    declared, quartiles = np.tile([1.0, 2.0, 3.0], (count, 1)), np.array([1.10, QUARTILE_OF_ONE, QUARTILE_OF_ONE])
+    scale, parts = MisfitScale(), np.array_split(np.arange(count), pieces)
+    found = np.concatenate([scale.of_next(misfit[part], declared[part], quartiles) for part in parts])
+    assert found[0] == pytest.approx([10.0, 20.0, 30.0])
+    assert np.mean(found[100:], axis=0) == pytest.approx([5.0, 7.0, 3.0], rel=0.08)
+    np.testing.assert_array_equal(found[100:, 2], 3.0)
+
+
+@pytest.mark.parametrize('uneven', [False, True])
+def test_noise_leads_readings_as_far_astray_as_two_uneven_steps_make_it(uneven: bool) -> None:
+    """White noise of a steady motion has the scale of its own deviation, however far readings are apart."""
+    rng, count = np.random.default_rng(1), 20_000
+    steps = rng.integers(5_000_000, 40_000_000, count) if uneven else np.full(count, 10_000_000)
+    stamps: Stamps = 1_700_000_000_000_000_000 + np.cumsum(steps)
+    time = 1e-9 * (stamps - stamps[0])
+    position = 0.3 * time[:, None] + 0.01 * rng.normal(size=(count, 2))
+    read = JointStream(stamps, position, np.full_like(position, np.nan))
+    judged = Outliers[JointStream](200_000_000, joint_channels(5e-3), JOINT_OUTLIER)._score(read)
+    assert np.mean(judged.suspicious) < 1e-3
+    assert np.mean(judged.scale[200:], axis=0) == pytest.approx([0.0105, 0.0105], rel=0.07)
+
+
+def judged_beside(apart: int, before: int, after: int, off: float) -> tuple[bool, dict[int, int]]:
+    """Return whether a reading that is off is an outlier, by so many readings before and after it, ns apart."""
+    count = before + 1 + after
+    stamps: Stamps = apart * np.arange(count)
+    time = 1e-9 * (stamps - stamps[before])
+    position = np.column_stack((0.3 + 0.2 * time - 0.5 * time**2, -0.1 * time))
+    position[before, 1] += off
+    read = JointStream(stamps, position, np.full_like(position, np.nan))
+    gate = Outliers[JointStream](200_000_000, joint_channels(1e-4), JOINT_OUTLIER)
+    judged = _ScoredReadings(read, np.arange(count) == before, np.full((count, 2), 1e-4))
+    around = [place for place in range(count) if place != before]
+    (far,) = gate._far(judged, around, range(before, before + 1))
+    return bool(far), dict(gate.by_channel)
+
+
+@pytest.mark.parametrize(
+    ('apart', 'before', 'after', 'off', 'outlier'),
+    [
+        (10_000_000, 4, 3, 2e-3, True),
+        (10_000_000, 4, 3, -2e-3, True),
+        (10_000_000, 4, 3, 6e-4, False),  # seven deviations, and the parabola's own
+        (10_000_000, 2, 2, 1e-2, True),
+        (10_000_000, 1, 3, 1e-2, False),  # one reading shows no motion
+        (10_000_000, 4, 1, 1e-2, False),
+        (300_000_000, 4, 3, 1e-2, True),
+        (399_000_000, 2, 2, 1e-2, True),  # within four of the longest intervals
+        (401_000_000, 2, 2, 1e-2, False),
+    ],
+)
+def test_a_reading_is_an_outlier_far_from_a_parabola_through_those_beside(
+    apart: int, before: int, after: int, off: float, outlier: bool
+) -> None:
+    assert judged_beside(apart, before, after, off) == (outlier, {1: 1} if outlier else {})
+
+
+@pytest.mark.parametrize(
+    ('stamps', 'numbers', 'new'),
+    [
+        ([1, 2, 3], [0.0, 0.0, 0.0], [True, True, True]),
+        ([1, 2, 1], [0.0, 0.0, 0.0], [True, True, False]),
+        ([1, 1, 1, 1], [0.0, 1.0, 1.0, 0.0], [True, True, False, False]),
+        ([1, 1], [0.0, -0.0], [True, False]),
+        ([2, 1, 2, 1], [0.0, 0.0, 1.0, 0.0], [True, True, True, False]),
+    ],
+)
+def test_a_copy_has_the_stamp_and_the_numbers_of_a_reading_before(
+    stamps: list[int], numbers: list[float], new: list[bool]
+) -> None:
+    assert _first_of_equals(np.array(stamps), np.array(numbers)[:, None]).tolist() == new
+
+
+@pytest.mark.parametrize(('span', 'dropped'), [(30, 1), (20, 0)])
+def test_copies_are_looked_for_among_the_latest_stamps(span: int, dropped: int) -> None:
+    copies = Copies[JointStream](lambda joints: joints.position, span)
+    for stamp, value in ((0, 1.0), (10, 2.0), (25, 3.0), (0, 1.0)):
+        copies.push(JointStream(np.array([stamp]), np.array([[value]]), np.array([[np.nan]])))
+    assert sum(copies.dropped.values()) == dropped
+
+
+@pytest.mark.parametrize(
+    ('moving', 'changes', 'apart', 'new'),
+    [
+        ([False, False], [[1, 1], [1, 1]], False, [False, False, False]),
+        ([True, True], [[1, 0], [1, 1]], True, [True, True, True]),  # the second has changed before, and not now
+        ([True, False], [[1, 0], [1, 0]], False, [True, True, False]),  # one alone: as well of coarse steps
+        ([True, False], [[0, 1], [1, 1]], True, [True, True, True]),
+        ([False, False], [[1, 1], [1, 0]], True, [False, True, True]),
+        ([True, True], [[0, 0], [1, 1]], False, [True, False, False]),
+    ],
+)
+def test_channels_that_change_apart_have_coarse_steps(
+    moving: list[bool], changes: list[list[int]], apart: bool, new: list[bool]
+) -> None:
+    repeats = held()
+    repeats._moving = np.array(moving)
+    assert repeats._coarse(np.array(changes, dtype=bool)).tolist() == new
+    assert repeats._apart is apart
+    # From then on nothing is held.
+    assert repeats._coarse(np.array([[1, 1]], dtype=bool)).tolist() == [apart, apart]
