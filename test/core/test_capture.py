@@ -16,7 +16,7 @@ from scipy.stats import chi2
 import recorded
 from benchmarks.precapture import BARE_LINK7, free_model, free_urdf
 from checked import answer, central_difference, generic, same, some
-from mbaid_ros.core.capture import BEFORE, DISTURBED, CaptureEstimator, KnownMomentum
+from mbaid_ros.core.capture import _REMEMBERED, BEFORE, DISTURBED, CaptureEstimator, Chaser, KnownMomentum
 from mbaid_ros.core.geometry import Array, cross, exp
 from mbaid_ros.core.odometry.model import odometry_mount
 from mbaid_ros.core.results.estimate import Estimate, Event
@@ -472,3 +472,19 @@ def test_what_a_body_brought_is_its_velocity_and_its_spin_about_its_centre() -> 
     assert np.isnan(made._motion(momentum, None)).all()
     made._target_pose = None
     assert np.isnan(made._motion(momentum, body)).all()
+
+
+@pytest.mark.parametrize(('since', 'kept'), [(0.5, 0.0), (0.0, 0.0), (-0.5, None), (np.inf, 0.0)])
+def test_of_estimates_that_are_forgotten_the_last_undisturbed_one_is_kept(since: float, kept: float | None) -> None:
+    made: Any = announced()
+    event = Event(since, 'step', np.ones(3), np.zeros(3), 'a push')
+    for place in range(_REMEMBERED + 1):
+        made._remember(Estimate('trajectory', 'converged', float(place), events=(event,) * bool(np.isfinite(since))))
+    assert (made._earlier and made._earlier.time) == kept
+    assert len(made._estimates) == _REMEMBERED
+
+
+@pytest.mark.parametrize(('residual', 'times'), [(0.5, 1.0), (1.0, 1.0), (3.0, 9.0), (np.nan, 1.0)])
+def test_the_momentum_before_a_capture_is_as_uncertain_as_its_residuals_show(residual: float, times: float) -> None:
+    covariance = np.diag(np.arange(1.0, 7.0))
+    assert Chaser(np.zeros(6), covariance, residual, 9).widened == pytest.approx(times * covariance)

@@ -6,6 +6,7 @@ import re
 from bisect import bisect_left
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from benchmarks.honesty.robots import in_millimetres
 from checked import some
 from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.joints.faults import JointFaults, JointRates
-from mbaid_ros.core.odometry.faults import HELD, HeldBase, PlanarPoses, twist_check
+from mbaid_ros.core.odometry import faults
+from mbaid_ros.core.odometry.faults import HELD, HeldBase, PlanarPoses, _is_held, twist_check
 from mbaid_ros.core.pipeline import PlainFaults, WindowChecks
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.model import load_model
@@ -444,3 +446,55 @@ def test_ten_poses_of_zeros_before_one_that_is_none_are_no_tracking(zeros: int, 
         said = [each for each in faults.texts if 'poses of the base are zero' in each]
         assert bool(said) is named
         assert all(each.startswith(f'the first {zeros} poses') for each in said)
+
+
+def beside(base: float, reaction: float = 0.0, moved: float = 0.1, walk: bool = False) -> Array:
+    """Return means (40, 7) of time, base and centre of mass: an arm that moves so far, m, and a base that reacts."""
+    rng, time = np.random.default_rng(3), 0.5 * np.arange(40.0)
+    swing = np.sin(0.9 * time[:, None] + np.arange(3.0)) * np.array([1.0, 0.6, -0.8])
+    centre = moved * swing + 0.02 * time[:, None] ** 2  # a steady motion counts for nothing
+    noise = base * rng.normal(size=(40, 3))
+    noise = np.cumsum(noise, axis=0) if walk else noise
+    place = noise - reaction * moved * swing + 0.3 * time[:, None] - 0.05 * time[:, None] ** 2
+    return np.column_stack((time, place, centre))
+
+
+@pytest.mark.parametrize(
+    ('given', 'held'),
+    [
+        ({'base': 1e-3}, True),
+        ({'base': 0.0}, True),
+        ({'base': 1e-3, 'reaction': 0.5}, False),
+        ({'base': 1e-3, 'reaction': -0.5}, False),
+        ({'base': 1e-4, 'reaction': 0.02}, False),  # little, and together with the arm
+        ({'base': 1e-3, 'moved': 1e-6}, False),  # nothing moves
+        ({'base': 0.05}, False),  # it moves about as far as the arm
+        ({'base': 1e-3, 'walk': True}, False),  # no white noise
+    ],
+)
+def test_a_base_is_held_that_moves_by_noise_alone_beside_an_arm(given: dict[str, Any], held: bool) -> None:
+    assert _is_held(beside(**given)) is held
+
+
+def test_an_arm_that_seems_to_leap_shows_no_held_base() -> None:
+    seen = beside(1e-3)
+    seen[:, 4:] = np.random.default_rng(1).choice([-1.0, 1.0], (40, 3))
+    assert not _is_held(seen)
+
+
+def test_a_base_that_may_be_held_is_looked_at_ever_less_often(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After ten windows, and with half as many more each time; thrust begins anew."""
+    compared = list[int]()
+    monkeypatch.setattr(faults, '_is_held', lambda seen: compared.append(len(seen)))
+    held = HeldBase(kernel('servicer7'))
+    count, nothing = 6, np.zeros((6, 3))
+    unit, covariance = np.tile(np.eye(3), (count, 1, 1)), np.tile(np.eye(6), (count, 1, 1))
+    joints = np.zeros((count, 7))
+    window = Samples(np.arange(6.0), joints, joints, nothing, unit, nothing, nothing, covariance, covariance)
+    for _ in range(70):
+        assert held.update(window) is None
+    assert compared == [10, 20, 30, 45, 68]
+    held.update(replace(window, impulse=np.linspace(0.0, 1.0, count)[:, None] * np.ones(6)))
+    for _ in range(10):
+        held.update(replace(window, impulse=np.ones((count, 6))))
+    assert compared[5:] == [10]

@@ -9,7 +9,7 @@ import pytest
 
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.windows import Averaged, KnotAveraging, Window, knots_per_window
+from mbaid_ros.core.windows import Averaged, KnotAveraging, Window, _halves, knots_per_window
 from observed import MID, configured_motion, observe, windows
 
 FIRST, ALONE, LATER, LAST = (14, 0, 10), (10, 0, 9), (17, 3, 13), (13, 3, 12)  # knots, own intervals from and to
@@ -134,3 +134,14 @@ def test_a_spring_has_ten_knots_a_period_with_as_many_samples_each(
     averaging = KnotAveraging(MID, 0.5, fastest=fastest)
     averaging.average([slower])
     assert averaging._knots_per_window == (18 if fastest else 10)
+
+
+def test_readings_of_a_window_are_summed_by_the_halves_of_its_knots() -> None:
+    """A sample at a border, but for rounding, is in the half that begins there; none is outside of the window."""
+    times = np.array([0.0, 0.0499, 0.05 - 1e-12, 0.1, 0.1499, 0.2, 0.3, -1e-3, 0.31])
+    readings = np.outer(2.0 ** np.arange(len(times)), [1.0, -1.0])
+    begin = np.array([0, 0, 0, 0, 0, 2, 2, 0, 2])
+    found = _halves(readings, np.where(begin, times - 0.2, times), begin, 0.1, 3)
+    assert found[:, :, 0].tolist() == [[1.0 + 2.0 + 128.0, 4.0], [8.0 + 16.0, 0.0], [32.0, 64.0 + 256.0]]
+    assert np.array_equal(found[:, :, 1], -found[:, :, 0])
+    assert _halves(np.zeros((9, 0)), times, begin, 0.1, 3).shape == (3, 2, 0)

@@ -119,6 +119,8 @@ def test_the_conventions_that_fit_best_are_tried() -> None:
     assert [len(each.windows) for each in found] == [10, 5, 10, 10, 10]
     assert [each.point[0] for each in found] == tried
     assert [each.whole for each in found] == [False] * 4 + [True]
+    few = [fit('declared', 1.0), fit('swapped', 0.75), fit('degrees', 0.5)]  # by a part of the declared one's misfit
+    assert [each.text for each in causes()._conventions(windows(10), few)] == ['degrees', 'swapped']
 
 
 @pytest.mark.parametrize(
@@ -221,7 +223,10 @@ class Target(CandidateCauses):
     def extended(self, *_: object) -> Any:
         """Return passes that note where the target changes."""
 
-        def changes(_: object, place: int, *__: object, exchanged: bool) -> Generator[int, None, Any]:
+        def changes(
+            _: object, place: int, __: object, hypothesis: Hypothesis, *, exchanged: bool
+        ) -> Generator[int, None, Any]:
+            assert hypothesis is UNDISTURBED
             self.asked.append((place, exchanged))
             return finished(passed(-100.0 - place - 5.0 * exchanged, explains=self.explained))
 
@@ -327,7 +332,7 @@ def moved(count: int) -> list[Window]:
     ],
 )
 def test_when_a_target_may_have_changed(times: list[float], explained: bool, asked: list[tuple[int, bool]]) -> None:
-    made = causes(type('Made', (Target,), {'asked': [], 'explained': explained}))
+    made = causes(type('Made', (Target,), {'asked': [], 'explained': explained}), Hypothesis('force', 'a force'))
     result = returned(made._target_changes(moved(20), 'a point', times, passed(-300.0).gaussian))
     assert made.asked == asked
     assert [(each.gain, each.change is not None) for each in result] == (

@@ -299,3 +299,15 @@ def test_outliers_of_joints_are_looked_for_joint_by_joint() -> None:
     away = channels.local(read)[:, :, 0]
     assert not away[0].any()
     assert np.diff(away, axis=0) == pytest.approx(np.diff(position, axis=0))
+
+
+@pytest.mark.parametrize(('size', 'fast'), [(2.0, True), (2.5, False), (4.0, False), (600.0, True)])
+def test_a_joint_is_too_fast_by_a_quarter_turn_within_a_turn_or_by_a_half_where_none_reaches(
+    size: float, fast: bool
+) -> None:
+    """Its readings are by turns as far on either side; beyond a turn an arm may as well be read so."""
+    position = moving()
+    position[:, 0] = size * (-1.0) ** np.arange(COUNT)
+    found = symptoms(position)
+    assert isinstance(found, dict)
+    assert ('too fast' in found) is fast

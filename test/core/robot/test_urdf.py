@@ -312,3 +312,24 @@ def test_tensors_that_are_meant_otherwise_are_written_as_a_urdf_has_them(
     changed = load_model(with_inertias(with_origin(TURNED), meaning)).link('arm')
     expected = np.concatenate(([2.0, 0.3, 0.1, 0.0], vec(inertia)))
     np.testing.assert_allclose(physical(changed.parameters), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('kind', 'limit', 'found'),
+    [
+        ('revolute', 'lower="-1" upper="2" velocity="3" effort="4"', (-1.0, 2.0, 3.0, 4.0)),
+        ('revolute', 'lower="1" upper="1" velocity="3" effort="4"', (-np.inf, np.inf, 3.0, 4.0)),
+        ('prismatic', 'lower="2" upper="1" velocity="3" effort="4"', (-np.inf, np.inf, 3.0, 4.0)),
+        ('continuous', 'lower="-1" upper="2" velocity="3" effort="4"', (-np.inf, np.inf, 3.0, 4.0)),
+        ('revolute', 'lower="-1" upper="2" velocity="0" effort="0"', (-1.0, 2.0, np.inf, np.inf)),
+    ],
+)
+def test_limits_that_limit_nothing_are_none(kind: str, limit: str, found: tuple[float, ...]) -> None:
+    mass = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    text = (
+        f'<robot name="two"><link name="base">{mass}</link><link name="arm">{mass}</link>'
+        f'<joint name="elbow" type="{kind}"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>'
+        f'<limit {limit}/></joint></robot>'
+    )
+    (joint,) = load_model(text).limits
+    assert (joint.lower, joint.upper, joint.velocity, joint.effort) == found
