@@ -314,9 +314,10 @@ class LeastSteps:
     """
 
     def __init__(self, columns: int) -> None:
-        # By column until now: the least change; the number of changes, and of those that are no multiples of the least.
-        self._least = np.full(columns, np.inf)
-        self._changes = np.zeros((2, columns))
+        # By column until now: the least change, the latest one; the number of changes, of those that are no multiples
+        # of the least, and of those by another number of steps than the reading before.
+        self._least, self._latest = np.full(columns, np.inf), np.full(columns, np.nan)
+        self._changes = np.zeros((3, columns))
 
     def add(self, values: Array, new: int) -> Array:
         """Return the step until each of the latest readings, after the first; 0: they change by anything.
@@ -331,10 +332,13 @@ class LeastSteps:
         least = np.minimum.accumulate(np.concatenate((self._least[None], np.where(changed, size, np.inf))))[1:]
         times = np.where(changed, size, 0.0) / least
         uneven = changed & (np.abs(times - np.round(times)) > _UNEVEN)
-        number = self._changes[:, None] + np.cumsum((changed, uneven), axis=1)
+        before = np.concatenate((self._latest[None], size))[:-1]
+        # Readings without noise change by nearly the same each time; a moving encoder now and then by a step more.
+        other = np.abs(size - before) > 0.5 * least
+        number = self._changes[:, None] + np.cumsum((changed, uneven, other), axis=1)
         if len(size):
-            self._least, self._changes = least[-1], number[:, -1]
-        return np.where((number[0] >= _FEWEST_CHANGES) & (number[1] < _SELDOM * number[0]), least, 0.0)
+            self._least, self._latest, self._changes = least[-1], size[-1], number[:, -1]
+        return np.where((number[2] >= _FEWEST_CHANGES) & (number[1] < _SELDOM * number[0]), least, 0.0)
 
 
 class FoundNoise:

@@ -21,6 +21,7 @@ from mbaid_ros.core.noise import (
     DifferenceVariances,
     ErrorModels,
     FoundLevels,
+    LeastSteps,
     LevelEstimator,
     NoiseEstimator,
     NoiseLevels,
@@ -718,3 +719,18 @@ def test_errors_that_last_are_clear_although_they_grow_from_stride_to_stride() -
     found = levels.levels_at(ALL, 0.01, free=(False, False))
     assert np.all(found.times > 0.0)
     assert found.clear
+
+
+@pytest.mark.parametrize(
+    ('position', 'step'),
+    [
+        (0.3 * np.sin(0.05 * np.arange(60)), 0.0),  # without noise: nearly the same change each time
+        (0.02 * np.arange(60), 0.0),
+        (0.01 * np.floor(0.13 * np.arange(120)), 0.01),  # one step each eight readings
+        (0.01 * np.floor(1.4 * np.arange(60)), 0.01),
+    ],
+)
+def test_steps_are_those_of_readings_that_change_now_by_fewer_and_now_by_more(position: Array, step: float) -> None:
+    follower, halves = LeastSteps(1), np.array_split(position[:, None], 2)
+    follower.add(halves[0], len(halves[0]))
+    assert follower.add(np.concatenate((halves[0][-1:], halves[1])), len(halves[1]))[-1, 0] == pytest.approx(step)
