@@ -679,7 +679,8 @@ def test_few_differences_of_poses_leave_open_how_noisy_they_are(seconds: float, 
     assert found.clear is clear
 
 
-def test_levels_that_were_clear_stay_where_a_motion_hides_them_later() -> None:
+@pytest.mark.parametrize('twists', [False, True])
+def test_levels_that_were_clear_stay_where_a_motion_hides_them_later(twists: bool) -> None:
     """Of a base that shakes: what was used stays in use; of one that shakes from the begin nothing is known."""
     joints, base = streams(20.0, 100.0)
     later = np.arange(len(base.stamp)) >= 400
@@ -688,8 +689,8 @@ def test_levels_that_were_clear_stay_where_a_motion_hides_them_later() -> None:
         base,
         base.position + 20.0 * shaken,
         exp(shaken) @ base.rotation,
-        base.linear_velocity + 5.0 * shaken,
-        base.angular_velocity + 5.0 * shaken,
+        base.linear_velocity + 5.0 * twists * shaken,
+        base.angular_velocity + 5.0 * twists * shaken,
     )
     levels = LevelEstimator(MID, joints.position.shape[1])
     levels.add_readings(joints, moved)
@@ -697,9 +698,11 @@ def test_levels_that_were_clear_stay_where_a_motion_hides_them_later() -> None:
     after = levels.levels_at(ALL, 0.01, free=(False, False))
     assert np.isfinite(before.factor).all()
     assert before.used[2:].any()
+    hidden = slice(2, 6 if twists else 4)
     for kept in ('factor', 'used', 'contradicted'):
-        assert getattr(after, kept)[2:].tolist() == getattr(before, kept)[2:].tolist()
-    assert after.times.tolist() == before.times.tolist()
+        assert getattr(after, kept)[hidden].tolist() == getattr(before, kept)[hidden].tolist()
+    assert after.times[: 1 + twists].tolist() == before.times[: 1 + twists].tolist()
+    assert np.all((after.factor[4:] == before.factor[4:]) == twists)
     calm = LevelEstimator(MID, joints.position.shape[1])
     calm.add_readings(joints, base)
     first, last = (calm.levels_at(stamp, 0.01, free=(False, False)) for stamp in (int(base.stamp[399]), ALL))
@@ -708,7 +711,7 @@ def test_levels_that_were_clear_stay_where_a_motion_hides_them_later() -> None:
     late = LevelEstimator(MID, joints.position.shape[1])
     late.add_readings(joints[400:], moved[400:])
     unknown = late.levels_at(ALL, 0.01, free=(False, False))
-    assert np.isnan(unknown.factor[2:]).all()
+    assert np.isnan(unknown.factor[hidden]).all()
     assert not unknown.clear
 
 

@@ -308,3 +308,11 @@ def test_stamps_are_uneven_alone_where_the_readings_do_not_follow_them(
     rest = number * scatter**2 + products**2 / squares
     found = stamps._alone(np.array([number, number * 4e-6, squares, products, rest]))
     assert found == (pytest.approx(2e-3) if alone else 0.0)
+
+
+def test_a_clock_that_is_off_is_estimated_even_where_that_was_forbidden() -> None:
+    value, std = np.array([0.02]), np.array([1e-3])
+    for unknown, name in ((time_offset(0.01), 'prior_std'), (clock_drift(1e-5), 'drift_std')):
+        found = unknown.repair('a clock', value, std, kernel('servicer7'))
+        assert {*some(found.parameters)} == {'time_offset.estimate', f'time_offset.{name}'}
+        assert some(found.parameters)['time_offset.estimate'] is True

@@ -47,8 +47,12 @@ from mbaid_ros.core.target import (
     ChangedTarget,
     GraspedFrame,
     TargetAtCapture,
+    TargetPriorConfig,
     TargetTrack,
     TrackedTargetConfig,
+    declared_target,
+    described_prior,
+    other_targets,
 )
 from mbaid_ros.errors import ParameterError
 from mbaid_ros.parameters import build
@@ -631,3 +635,59 @@ def test_a_target_that_was_tracked_in_an_orbit() -> None:
     assert last.identifiable.all()
     error = last.parameters - made.target_inertia
     assert float(error @ np.linalg.solve(last.covariance, error)) < chi2.isf(RARE, 10)
+
+
+@pytest.mark.parametrize(
+    ('given', 'said'),
+    [
+        ({}, ''),
+        ({'mass': 5.0, 'mass_std': 0.1}, ''),
+        ({'mass': 5.0, 'mass_std': 0.1, 'com': (0.1, 0.2, 0.3), 'com_std': 0.01}, ''),
+        ({'mass': 5.0}, "'target_prior.mass' is 5 kg without 'target_prior.mass_std'"),
+        ({'mass_std': 0.1}, "'target_prior.mass_std' is 0.1 kg without 'target_prior.mass'"),
+        ({'com': (0.1, 0.2, 0.3)}, "'target_prior.com' is [0.1, 0.2, 0.3] m without 'target_prior.com_std'"),
+        ({'com_std': 0.01}, "'target_prior.com_std' is 0.01 m without 'target_prior.com'"),
+        ({'com': (0.1, 0.2, 0.3), 'com_std': 0.01}, "without 'target_prior.mass_std'"),
+    ],
+)
+def test_a_prior_of_the_target_has_values_with_their_deviations(given: dict[str, Any], said: str) -> None:
+    if not said:
+        assert declared_target(TargetPriorConfig(**given)).mass == given.get('mass', 0.0)
+        return
+    with pytest.raises(ParameterError) as error:
+        declared_target(TargetPriorConfig(**given))
+    assert said in str(error.value)
+
+
+ALL_PARTS = {'mass_relative_std': 0.1, 'com_std': 0.01, 'inertia_relative_std': 0.2}
+
+
+@pytest.mark.parametrize(
+    ('given', 'prior', 'said'),
+    [
+        (ALL_PARTS, {}, ''),
+        ({**ALL_PARTS, 'com_std': 0.0}, {}, 'is of the link that is identified'),
+        ({'mass_relative_std': 0.1, 'com_std': 0.01}, {}, 'is of the link that is identified'),
+        (ALL_PARTS, {'mass': 5.0, 'mass_std': 0.1}, "and 'target_prior' are both of the same link"),
+    ],
+)
+def test_a_described_target_is_as_uncertain_as_its_link(
+    given: dict[str, float], prior: dict[str, Any], said: str
+) -> None:
+    robot = kernel('servicer7')
+    if not said:
+        assert described_prior(TargetPriorConfig(), robot, given) is not None
+        return
+    with pytest.raises(ParameterError) as error:
+        described_prior(TargetPriorConfig(**prior), robot, given)
+    assert said in str(error.value)
+
+
+def test_another_target_is_the_last_described_link_of_each_other_body() -> None:
+    robot = kernel('servicer7')
+    found = {some(some(each.repair).parameters)['target_link']: each for each in other_targets(robot)}
+    described = {link.body: link for link in robot.model.links if link.parameters[0] > 0.0}
+    assert set(found) == {link.name for body, link in described.items() if body != robot.target.body}
+    for name, each in found.items():
+        assert each.kernel.target.name == name
+        assert 0.0 < some(each.least_mass) < robot.model.link(name).parameters[0]

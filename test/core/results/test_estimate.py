@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,15 @@ import pytest
 from checked import some
 from made_runs import STD, estimate
 from mbaid_ros.core.geometry import Array
-from mbaid_ros.core.results.estimate import Event, PassiveJoint, Thruster, determined
+from mbaid_ros.core.results.estimate import (
+    Estimate,
+    Event,
+    PassiveJoint,
+    Thruster,
+    determined,
+    is_complete,
+    is_usable,
+)
 from mbaid_ros.core.results.verdict import Cause, Verdict
 from mbaid_ros.core.robot.body import standard
 from mbaid_ros.core.target import Debris, DebrisPublication, changed_by, debris
@@ -128,3 +137,42 @@ def test_a_further_cause_takes_its_place_and_is_a_reason() -> None:
     assert more.reasons == ('wrong', 'c')
     again = more.with_cause(Cause('b', 40.0))
     assert [each.text for each in again.causes] == ['b', 'a', 'c']
+
+
+@pytest.mark.parametrize(
+    ('changes', 'status', 'usable', 'complete'),
+    [
+        ({}, 'estimating', True, True),
+        ({}, 'inconsistent', False, False),
+        ({0: -1.0}, 'estimating', False, False),
+        ({0: np.nan}, 'estimating', False, False),
+        ({1: np.nan}, 'estimating', True, False),  # of a plane
+        ({3: np.nan}, 'estimating', True, False),
+        ({1: np.nan, 2: np.nan}, 'estimating', False, False),
+        ({3: np.nan, 2: np.nan}, 'estimating', False, False),
+        ({4: np.nan, 7: np.nan}, 'estimating', True, False),
+        ({4: np.nan, 7: np.nan, 9: np.nan}, 'estimating', False, False),
+        ({4: -1.0, 7: -1.0, 9: -1.0}, 'estimating', False, False),
+        ({5: np.nan}, 'estimating', True, False),
+    ],
+)
+def test_an_estimate_is_usable_with_what_a_plane_shows_and_complete_with_all(
+    changes: dict[int, float], status: Any, *, usable: bool, complete: bool
+) -> None:
+    parameters = np.arange(1.0, 11.0)
+    for place, value in changes.items():
+        parameters[place] = value
+    known = np.isfinite(parameters)
+    estimate = Estimate('trajectory', status, 3.0, parameters=parameters, identifiable=known)
+    assert (is_usable(estimate), is_complete(estimate)) == (usable, complete)
+    assert not is_complete(replace(estimate, identifiable=known & (np.arange(10) != 9)))
+    assert is_complete(replace(estimate, identifiable=np.ones(10, dtype=bool))) is complete
+
+
+def test_a_momentum_after_thrust_is_larger_by_its_impulse() -> None:
+    before = Estimate('trajectory', 'estimating', 3.0, momentum=np.arange(6.0))
+    assert before.after_thrust(np.zeros(6)) is before
+    for impulse in (np.arange(6.0) * (np.arange(6) == 4), np.ones(6)):
+        after = before.after_thrust(impulse)
+        assert after.momentum.tolist() == (np.arange(6.0) + impulse).tolist()
+        assert after.impulse is impulse
