@@ -257,7 +257,7 @@ def test_several_errors_are_combined_where_no_single_one_explains_the_readings(
 
     def several(joints: int) -> Iterable[Meaning]:
         asked.append(joints)
-        return combined(joints)
+        return [meaning(signs, [0.0] * joints) for signs in product((1.0, -1.0), repeat=joints)]
 
     monkeypatch.setattr(readings, 'motion_of', lambda *_: motion)
     monkeypatch.setattr(readings, 'combined', several)
