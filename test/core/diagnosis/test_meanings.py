@@ -261,6 +261,8 @@ def test_several_errors_are_combined_where_no_single_one_explains_the_readings(
 
     monkeypatch.setattr(readings, 'motion_of', lambda *_: motion)
     monkeypatch.setattr(readings, 'combined', several)
+    monkeypatch.setattr(readings, '_REFINED', 4)
+    monkeypatch.setattr(readings, '_WITH_GEARS', 2)
     robot: Any = SimpleNamespace(model=SimpleNamespace(joints=4, independent_joints=range(4)))
     windows: Any = [None] * 20
     result = returned(joint_meaning(robot, windows))
