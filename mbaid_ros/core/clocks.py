@@ -36,6 +36,7 @@ Found = tuple[str, int, str]  # symptom, from which stamp on (ns), and in words
 _SKIPPED = 10  # intervals, before which the mean is not known
 _PATTERN = 60  # intervals that show a pattern
 _SECOND = 1_000_000_000  # ns
+_MANY = 3  # readings a second, which no clock stamps all at its begin
 _REPEATS = 0.5  # share of repeated stamps, from which they are rounded: copies of messages are fewer
 _SHORT, _BATCHED = 0.2, 0.4  # part of the mean interval that is short; share of such ones: of random ones it is a fifth
 _STEP = 50_000_000  # ns, that a clock is set by at least: less is jitter, or messages that overtake each other
@@ -277,7 +278,7 @@ class StampPattern:
     def __init__(self, what: str, noise: float) -> None:
         self._what, self._noise = what, noise
         self._first, self._count, self._short = 0, 0, 0
-        self._equal, self._whole = 0, True  # stamps that repeat the one before; whether all are whole seconds
+        self._equal, self._largest = 0, 0  # stamps that repeat the one before; ns, the largest part of a second
         self._stamp: Stamps = np.zeros(0, dtype=np.int64)
         self._position: Array = np.zeros((0, 0))
         # Readings of the block that is open; by block and column, squared rates and scatter; and whether that is named.
@@ -315,16 +316,26 @@ class StampPattern:
         equal = np.diff(joined) == 0
         number = self._count + len(stamp) - len(equal) + 1 + np.arange(len(equal))
         repeats = self._equal + np.cumsum(equal)
-        whole = self._whole & np.logical_and.accumulate(joined[1:] % _SECOND == 0)
-        rounded = np.flatnonzero((number > _PATTERN) & (repeats > _REPEATS * number))
+        largest = np.maximum(self._largest, np.maximum.accumulate(joined[1:] % _SECOND))
+        known = np.flatnonzero(number > _PATTERN)
+        rounded = known[repeats[known] > _REPEATS * number[known]]
         if len(rounded):
-            how = (
-                'whole seconds: fill in nanosec of header.stamp' if whole[rounded[0]] else 'rounded: publish all digits'
-            )
+            whole = largest[rounded[0]] == 0
+            how = 'whole seconds: fill in nanosec of header.stamp' if whole else 'rounded: publish all digits'
             text = f'most stamps of {self._what} repeat the one before, they are {how}'
             yield f'rounded: {self._what}', int(joined[1:][rounded[0]]), text
+        # So many in a second, and all at its begin.
+        often = (number[known] - 1) * _SECOND > _MANY * (joined[1:][known] - self._first)
+        begun = known[often & (largest[known] > 0) & (largest[known] < _SECOND // 1000)]
+        if len(begun):
+            unit, factor = ('milliseconds', 10**6) if largest[begun[0]] < 1000 else ('microseconds', 1000)
+            text = (
+                f'nanosec of the stamps of {self._what} is {largest[begun[0]]} at most: {unit}, not nanoseconds; '
+                f'multiply it by {factor}'
+            )
+            yield f'nanosec: {self._what}', int(joined[1:][begun[0]]), text
         if len(equal):
-            self._equal, self._whole = int(repeats[-1]), bool(whole[-1])
+            self._equal, self._largest = int(repeats[-1]), int(largest[-1])
 
     def _batches(self, stamp: Stamps) -> Iterator[Found]:
         """Yield that most messages are stamped right after each other, and then none for long."""
@@ -336,7 +347,7 @@ class StampPattern:
         short = self._short + np.cumsum((interval < _SHORT * mean) & (interval > 0) & (number > _SKIPPED))
         self._count, self._short = int(number[-1]), int(short[-1])
         batched = np.flatnonzero((number > _PATTERN) & (short > _BATCHED * number))
-        if len(batched):
+        if len(batched) and not 0 < self._largest < _SECOND // 1000:
             size = 1.0 / max(1.0 - short[batched[0]] / (number[batched[0]] - _SKIPPED), 0.01)
             text = (
                 f'{self._what} come in batches of about {size:.0f}, stamped right after each other: stamped on '

@@ -410,6 +410,18 @@ def test_rounded_stamps_are_named(step: int, how: str, pieces: int) -> None:
     assert not found(motion(0), pieces).warnings
 
 
+@pytest.mark.parametrize(('unit', 'named'), [(10**6, 'milliseconds'), (1000, 'microseconds'), (1, '')])
+@pytest.mark.parametrize('pieces', [1, 7])
+def test_nanoseconds_that_are_others_are_named_and_not_their_consequences(unit: int, named: str, pieces: int) -> None:
+    begin, part = np.divmod(SPACING * np.arange(COUNT), 10**9)
+    estimate = found(motion(0), pieces, stamps=begin * 10**9 + part // unit)
+    texts = [text for text in estimate.warnings if 'nanosec of the stamps' in text or 'batches' in text]
+    assert [named in text for text in texts] == ([True] if named else [])
+    # One reading a second, at its begin, is no fault.
+    seldom = found(motion(0), pieces, stamps=10**9 * np.arange(COUNT) + 200)
+    assert not any('nanosec' in text for text in seldom.warnings)
+
+
 @pytest.mark.parametrize('pieces', [1, 7])
 @pytest.mark.parametrize(
     ('back', 'jitter', 'named'), [(1.0, 0.0, True), (0.6, 0.005, True), (0.3, 0.0, False), (1.0, 0.3, False)]
