@@ -450,7 +450,10 @@ class UnevenStamps:
     def add(self, stamp: Stamps, position: Array) -> Iterator[Found]:
         """Add a block (_BLOCK,), (_BLOCK, k) of readings; yield the faults of its stamps."""
         self._first = int(stamp[0]) if self._first is None else self._first
-        self._blocks.append(_unevenness(stamp, position))
+        interval = np.diff(stamp)
+        # Over a gap neither stamps nor readings need be smooth by their number.
+        if np.max(interval) <= max(_LONGEST, _GAP * float(np.median(interval))):
+            self._blocks.append(_unevenness(stamp, position))
         if len(self._blocks) >= _ENOUGH:
             jitter = self._alone(np.sum(self._blocks, axis=0))
             if _HARMLESS < jitter < _UNREAL * 1e-9 * float(np.ptp(stamp)):

@@ -194,11 +194,12 @@ def test_readings_that_scatter_in_time(kind: str, unchanged: Unchanged) -> None:
         ('step', 0.5, ''),
         ('paused', 5.0, ''),
         ('lost', 1.0, ''),
+        ('gap', 0.0, ''),
     ],
 )
 def test_uneven_stamps_are_named_where_the_readings_are_even(kind: str, size: float, symptom: str) -> None:
-    """By jitter, stamped on arrival or in float32; uneven readings, a clock that is set, and one reading lost."""
-    count, spacing, rng = 1000, 10_000_000, np.random.default_rng(4)
+    """By jitter, stamped on arrival or in float32; uneven readings, a clock that is set, a reading lost, a gap."""
+    count, spacing, rng = 1300 if kind == 'gap' else 1000, 10_000_000, np.random.default_rng(4)
     number = np.arange(count)
     even: Stamps = START + spacing * number
     late = {
@@ -209,9 +210,10 @@ def test_uneven_stamps_are_named_where_the_readings_are_even(kind: str, size: fl
         'paused': size * (number > 500),
     }.get(kind, abs(size) * rng.uniform(-1.0, 1.0, count))
     stamps = even + np.round(1e6 * late).astype(np.int64)
-    if kind == 'lost':
-        stamps = even = np.delete(even, 500)
+    if kind in {'lost', 'gap'}:
+        stamps = even = np.delete(even, 500 if kind == 'lost' else slice(850, 1050))
     read_at = stamps if kind in {'measured', 'paused'} else even
+    read_at = np.minimum(read_at, START + round(9.2e9)) if kind == 'gap' else read_at  # the robot stops meanwhile
     found = named(stamps, read(even, 1e-9 * (read_at - START))[1])
     assert list(found) == [symptom] * bool(symptom)
     assert found == named(stamps, read(even, 1e-9 * (read_at - START))[1], pieces=29)
