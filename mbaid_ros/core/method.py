@@ -95,7 +95,6 @@ _FIRST_ESTIMATE_PERIOD = 6.0
 _ALONE = 10.0
 FIRST_STAGE = 'first stage: its numbers are withheld until the trajectory filter starts, which knows late stamps, too'
 FIRST_ESTIMATE = 'first estimate: a wrong URDF cannot be detected from so short a motion'
-_ONLY = 'first stage, the trajectory filter has no numbers: '
 LATE = 'first stage: stamps that are late by some 10 ms, or velocities that lag, are not known yet'
 TARGET_CONTRADICTS = 'the motion of the tracked target is left out, because it contradicts that since the capture: '
 ANY_CAUSE = 'another frame or scale of its poses, late stamps, or contact with something else'
@@ -668,28 +667,25 @@ class TwoStageEstimator:
             innovations=late.innovations,
         )
         if not self._second.settled:
-            return with_reasons(early, [DISAGREE]) if self._contradicts else self._first_stage_only(early, late)
+            return with_reasons(early, [DISAGREE]) if self._contradicts else self._first_stage_only(early)
         if not early.identifiable[0] or early.status == 'inconsistent' or self._second.disturbed:
             return late
         if not np.any(early.identifiable & late.identifiable):
             return late  # nothing in which they could agree or contradict each other
         return self._compared(early, late)
 
-    def _first_stage_only(self, early: Estimate, late: Estimate) -> Estimate:
+    def _first_stage_only(self, early: Estimate) -> Estimate:
         """Return the first stage's estimate, at first without numbers if they contradict the data or lack a twist.
 
         Neither stamps that are late nor velocities that lag are among its unknowns: ten milliseconds of either move its
-        numbers by many standard deviations. Poses alone come from a camera with a clock of its own. Where there are
-        still no numbers of the second stage after the first seconds, its reason is given as well.
+        numbers by many standard deviations. Poses alone come from a camera with a clock of its own.
         """
         self._doubted |= early.status == 'inconsistent'
-        reason = [text for text in late.warnings[:1] if text not in early.warnings]
         if not early.identifiable.any():
-            return replace(early, warnings=(*reason, *early.warnings))
+            return early
         self._alone_since = min(self._alone_since, early.time)
         if not self._doubted or early.time >= self._alone_since + _ALONE:
-            waited = early.time >= self._alone_since + _FIRST_ESTIMATE_PERIOD
-            return replace(early, warnings=(*early.warnings, *(_ONLY + text for text in reason if waited)))
+            return early
         return replace(
             early,
             status='not_identifiable',

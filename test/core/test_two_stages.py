@@ -104,21 +104,6 @@ def test_the_first_stage_is_published_until_the_second_has_started() -> None:
     assert len(second.offered) == 2
 
 
-def test_why_the_second_stage_has_no_numbers_is_said_beside_those_of_the_first() -> None:
-    """Once there has been time for them, or where there are none at all."""
-    method, first, second = stages(settled=False)
-    second.next = estimate(
-        method=SECOND, stage='', status='not_identifiable', warnings=('no joint has moved', 'a note')
-    )
-    found = [published(method, time).warnings for time in (3.0, 3.0 + 0.99 * _FIRST_ESTIMATE_PERIOD, 9.1)]
-    assert not any('no joint' in text for texts in found[:2] for text in texts)
-    assert found[2] == ('first stage, the trajectory filter has no numbers: no joint has moved',)
-    first.next = made(FIRST, identifiable=np.zeros(10, dtype=bool), warnings=('not determined',))
-    assert published(method, 12.0).warnings == ('no joint has moved', 'not determined')
-    first.next = made(FIRST, identifiable=np.zeros(10, dtype=bool), warnings=('no joint has moved',))
-    assert published(method, 13.0).warnings == ('no joint has moved',)
-
-
 def test_numbers_are_first_ones_for_six_seconds_even_if_another_stage_gives_them() -> None:
     method, _, second = stages(settled=True)
     second.next = made(SECOND, 1.0)
