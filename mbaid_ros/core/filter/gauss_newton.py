@@ -473,12 +473,12 @@ class MultiStart:
             return [] if result is None else [result]
         batch, *stages = from_loose_swing(self.batch)
         results = yield from self._from_masses(stacks, batch)
-        for stage in stages if results else []:
+        for stage in stages:
+            if not results:
+                break
             point = max(results, key=lambda each: each.merit).point
             result = yield from stage.converge(stacks, point, self.batch.prior_at(self.hypotheses[0], NO_JUMPS))
             results = [] if result is None else [result]
-            if result is None:
-                break
         swinging = self.batch.layout.kernel.springs.count > 0
         if swinging and not any(each.consistent for each in results):
             results += yield from self._following_a_swing(stacks, windows)
