@@ -1,22 +1,18 @@
 """The seven-joint servicer with solar panels or propellant that swing, or an elastic grasp."""
 
+from functools import partial
+
 from benchmarks.data import CONFIG
 
 PANELS = ('panel_left', 'panel_right')
-_PANEL = """
-<link name="panel_{side}"><inertial><origin xyz="0 {com} 0"/><mass value="20"/>
-  <inertia ixx="8.067" ixy="0" ixz="0" iyy="1.35" iyz="0" izz="9.417"/></inertial></link>
-<joint name="panel_{side}" type="revolute"><parent link="{parent}"/><child link="panel_{side}"/>
+_HINGED = """
+<link name="{name}"><inertial><origin xyz="0 {com} 0"/><mass value="{mass}"/>
+  <inertia ixx="{ixx}" ixy="0" ixz="0" iyy="{iyy}" iyz="0" izz="{izz}"/></inertial></link>
+<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{name}"/>
   <origin xyz="{place}" rpy="0 0.3 0"/><axis xyz="1 0 0"/>
   <limit lower="-0.6" upper="0.6" effort="1" velocity="1"/></joint>
 """
-_MAST = """
-<link name="mast"><inertial><origin xyz="0 3 0"/><mass value="18"/>
-  <inertia ixx="54" ixy="0" ixz="0" iyy="1.2" iyz="0" izz="55"/></inertial></link>
-<joint name="mast" type="revolute"><parent link="base_link"/><child link="mast"/>
-  <origin xyz="-0.1 0.65 0" rpy="0 0.3 0"/><axis xyz="1 0 0"/>
-  <limit lower="-0.6" upper="0.6" effort="1" velocity="1"/></joint>
-"""
+_PANEL = partial(_HINGED.format, mass=20, ixx=8.067, iyy=1.35, izz=9.417)
 SLOSH = ('slosh_x', 'slosh_y', 'slosh_z')
 
 
@@ -30,20 +26,21 @@ def servicer(*more: str, lighter: float = 0.0) -> str:
 def with_panels() -> str:
     """Return it with two panels of 20 kg on its sides."""
     return servicer(
-        _PANEL.format(side='left', com='1.1', place='-0.1 0.65 0', parent='base_link'),
-        _PANEL.format(side='right', com='-1.1', place='-0.1 -0.65 0', parent='base_link'),
+        _PANEL(name=PANELS[0], com='1.1', place='-0.1 0.65 0', parent='base_link'),
+        _PANEL(name=PANELS[1], com='-1.1', place='-0.1 -0.65 0', parent='base_link'),
         lighter=40.0,
     )
 
 
 def with_mast() -> str:
     """Return it with a mast of 18 kg and 6 m: its swing turns the satellite far."""
-    return servicer(_MAST)
+    mast = {'mass': 18, 'com': 3, 'ixx': 54, 'iyy': 1.2, 'izz': 55}
+    return servicer(_HINGED.format(name='mast', parent='base_link', place='-0.1 0.65 0', **mast))
 
 
 def with_panel_on_the_target() -> str:
     """Return it with a panel of 20 kg on what it holds."""
-    return servicer(_PANEL.format(side='left', com='1.1', place='0.4 0.6 0.9', parent='link7'))
+    return servicer(_PANEL(name=PANELS[0], com='1.1', place='0.4 0.6 0.9', parent='link7'))
 
 
 def with_fuel(mass: float) -> str:
