@@ -107,6 +107,8 @@ DISAGREE = Reason(
     'the frames are wrong',
     'conflict',
 )
+UNSOLVED = Reason('the trajectory filter finds no solution that agrees with the data', 'contradiction')
+_STRONG = 100.0  # log-likelihood of a cause, from which a run without a solution counts as contradicted
 
 
 @dataclass(frozen=True)
@@ -509,13 +511,14 @@ class TrajectoryEstimator:
             # A run that has lost its solution has not explained the contradiction.
             isolation.begin_if_due(run, suspicious=run.inconsistent or isolation.suspicious)
         causes = isolation.causes(run)
+        contradicted = bool(causes) and causes[0].gain > _STRONG
         return replace(
             now,
-            status='waiting' if joints_moved and not run.has_state else 'not_identifiable',
+            status='waiting' if joints_moved and not run.has_state and not contradicted else 'not_identifiable',
             causes=tuple((cause.text, cause.gain) for cause in causes),
             remedies=_remedies(causes),
             events=self._events(None),
-            warnings=(reason, *self._warnings),
+            warnings=(*((UNSOLVED.text, WITHHELD) if contradicted else (reason,)), *self._warnings),
         ).after_thrust(window.impulse[-1])
 
     def _momentum_change(self, window: Samples, state: Array) -> Array:
@@ -667,7 +670,10 @@ class TwoStageEstimator:
             innovations=late.innovations,
         )
         if not self._second.settled:
-            return with_reasons(early, [DISAGREE]) if self._contradicts else self._first_stage_only(early)
+            # Where neither has numbers, the second says what it waits for.
+            waits = not early.identifiable.any() and not early.contradicted and not late.contradicted
+            alone = late if waits else self._first_stage_only(early)
+            return with_reasons(early, [DISAGREE]) if self._contradicts else alone
         if not early.identifiable[0] or early.status == 'inconsistent' or self._second.disturbed:
             return late
         if not np.any(early.identifiable & late.identifiable):
@@ -680,6 +686,8 @@ class TwoStageEstimator:
         Neither stamps that are late nor velocities that lag are among its unknowns: ten milliseconds of either move its
         numbers by many standard deviations. Poses alone come from a camera with a clock of its own.
         """
+        if early.causes and early.causes[0][1] > _STRONG:
+            early = with_reasons(early, [UNSOLVED])
         self._doubted |= early.status == 'inconsistent'
         if not early.identifiable.any():
             return early

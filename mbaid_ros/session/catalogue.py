@@ -6,12 +6,12 @@ is the state's, and of causes that explain a run equally well the first is named
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 import numpy as np
 
-from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.clocks import (
     clock_drift,
     declared_drift,
@@ -22,6 +22,7 @@ from mbaid_ros.core.clocks import (
 )
 from mbaid_ros.core.contracts import (
     UNDISTURBED,
+    Convention,
     ConventionFactory,
     Hypothesis,
     Instrument,
@@ -57,7 +58,14 @@ from mbaid_ros.core.joints.model import (
     joint_placements,
     suspected_gears,
 )
-from mbaid_ros.core.links import densities, independent_errors, known_bodies, mistaken_masses, mistaken_tensors
+from mbaid_ros.core.links import (
+    declared_errors,
+    densities,
+    independent_errors,
+    known_bodies,
+    mistaken_masses,
+    mistaken_tensors,
+)
 from mbaid_ros.core.odometry.faults import axis_conventions, inverted_marker, mistaken_poses
 from mbaid_ros.core.odometry.model import (
     LATE,
@@ -84,15 +92,22 @@ from mbaid_ros.core.poses import (
     pose_instruments,
     pose_sensors,
 )
+from mbaid_ros.core.repair import Repair, Setting
 from mbaid_ros.core.robot.model import RobotModel
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, Input
 from mbaid_ros.core.state import Declared
 from mbaid_ros.core.target import declared_linear_momentum, declared_target, other_targets
 from mbaid_ros.core.wheels import declared_wheels
+from mbaid_ros.parameters import build, values_of
 
 # Standard deviations of values set as exact, where a contradicted run is tried without them: s, rad or m; of a link.
 _EXACT, _EXACT_LINK = 2e-5, 1e-4
+# Cause and warning of a contradicted run in which nothing may deviate.
+EXACT_ROBOT = (
+    'by its parameters the robot is exactly its URDF, as only a simulated one is: leave known_links, known_joints and '
+    'odometry_mount at their defaults, or set its uncertainty'
+)
 _EXACT_MASS = 2e-4  # relative, of a link that is heavier throughout: a thousand times as much is a plausible error
 
 
@@ -242,6 +257,20 @@ def suspects(kernel: MomentumKernel, sensors: Sequence[NamedSensor] = ()) -> tup
             if isinstance(sensor, PoseSensor)
         ),
     )
+
+
+def inexact_robot(config: EstimatorConfig, kernel: MomentumKernel) -> Iterator[ConventionFactory]:
+    """Yield, of a robot that is declared to be exactly its URDF, that it deviates as robots do by default."""
+    if any(each.calibrated for each in unknowns(config, kernel)):
+        return
+    names = [name for name in EXACT if name.partition('.')[0] in {'known_links', 'known_joints', 'odometry_mount'}]
+    usual = values_of(EstimatorConfig())
+    parameters: dict[str, Setting] = {name: usual[name] for name in names}
+    deviating = build(EstimatorConfig, values_of(config) | parameters)
+    uncertain_kernel = kernel.with_errors(declared_errors(kernel, deviating.known_links))
+    rest = tuple(each for each in unknowns(deviating, uncertain_kernel) if each.calibrated)
+    repair = Repair('the robot deviates from its URDF', parameters)
+    yield lambda of: [Convention(EXACT_ROBOT, of, misfit_left=np.inf, repair=repair, rest=rest)]
 
 
 def conventions(marker: PlacedFrame | None) -> tuple[ConventionFactory, ...]:

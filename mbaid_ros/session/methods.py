@@ -19,7 +19,7 @@ from mbaid_ros.core.results.verdict import IDENTIFIABLE_STD, LARGEST_RESIDUAL, R
 from mbaid_ros.core.robot.momentum import MomentumKernel, unknown_scale
 from mbaid_ros.core.target import KnownTarget, TargetAtCapture, TargetTrack
 from mbaid_ros.errors import ParameterError
-from mbaid_ros.session.catalogue import conventions, hypotheses, suspects
+from mbaid_ros.session.catalogue import conventions, hypotheses, inexact_robot, suspects
 from mbaid_ros.session.robot import KnownRobot, nominal_model
 
 _RELINEARISED_WINDOWS = 120  # at most, before the linearisation of trajectory freezes: bounds the time of an update
@@ -106,7 +106,7 @@ def _trajectory(
             adapt=_ADAPT and config.located,  # drifts show in poses only
         ),
         suspects=suspects(known.kernel, known.declared.sensors),
-        conventions=conventions(known.declared.marker),
+        conventions=(*conventions(known.declared.marker), *inexact_robot(config, known.kernel)),
         located=config.located,
         orientation_measured=config.oriented,
         before=before,

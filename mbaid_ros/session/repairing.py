@@ -15,7 +15,6 @@ from mbaid_ros.parameters import build, values_of
 _PERSISTENT = 16
 # The same, where several causes explain the data as well: more windows may distinguish them.
 _AMBIGUOUS = 32
-_STRONG = 100.0  # log-likelihood of a cause, from which a run without a solution counts as contradicted
 MOST = 3  # repairs of a run, one after the other
 LEFT_OUT = 'left out by a repair'  # a named sensor
 LONGEST = 300.0  # s of a run, whose messages are kept so that it can be started again
@@ -86,7 +85,7 @@ class RepairPolicy:
         ----------
         config : of the run, with the repairs `taken`
         """
-        self._contradicted = self._contradicted + 1 if _is_contradicted(estimate) else 0
+        self._contradicted = self._contradicted + 1 if estimate.contradicted else 0
         self.over = self.over or estimate.time > LONGEST
         if self.over or len(taken) == MOST or self._contradicted < _PERSISTENT:
             return None
@@ -95,10 +94,3 @@ class RepairPolicy:
         if found is None or any(found.conversion == each.conversion is not None for each in taken):
             return None
         return found
-
-
-def _is_contradicted(estimate: Estimate) -> bool:
-    """Return whether data contradict the model, also where they do so strongly that the filter finds no solution."""
-    if estimate.contradicted:
-        return True
-    return estimate.status == 'not_identifiable' and bool(estimate.causes) and estimate.causes[0][1] > _STRONG

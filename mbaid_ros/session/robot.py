@@ -49,11 +49,6 @@ _LEAST_STD = 1e-6  # least standard deviation of a number in its unit: exact bes
 # Largest difference between the two files, which have 12 digits: of a body, relative to its typical size; of a joint's
 # frame, m or rad.
 _SAME = 1e-6
-# Warning of a contradicted run in which nothing may deviate.
-EXACT_ROBOT = (
-    'by its parameters the robot is exactly its URDF, as only a simulated one is: leave known_links, known_joints and '
-    'odometry_mount at their defaults, or set its uncertainty'
-)
 _ACCEPTED = 'accepted: the URDF that calibrate --output wrote with it'
 _PACKAGE, _FILE = 'package://', 'file://'
 _MISWEIGHED = 4.0  # standard deviations between weighed and described mass from which a warning names both

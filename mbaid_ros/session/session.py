@@ -34,7 +34,7 @@ from mbaid_ros.core.wheels import StoredMomentum, vector_of
 from mbaid_ros.errors import DataError, ModelError, ParameterError, listing
 from mbaid_ros.estimate_messages import Frames
 from mbaid_ros.parameters import topic_of
-from mbaid_ros.session.catalogue import inputs, instruments
+from mbaid_ros.session.catalogue import EXACT_ROBOT, inputs, instruments
 from mbaid_ros.session.continuation import read_continuation
 from mbaid_ros.session.methods import make_capture, make_estimator
 from mbaid_ros.session.model_summary import ModelSummary, summarise, unmoved_joints
@@ -47,7 +47,7 @@ from mbaid_ros.session.repairing import (
     refuse_repair,
     repaired,
 )
-from mbaid_ros.session.robot import EXACT_ROBOT, Robot, contradicted_mass
+from mbaid_ros.session.robot import Robot, contradicted_mass
 
 JOINTS, ODOMETRY = 'joint_states', 'odom'
 SPOKEN = {JOINTS: 'the joint states', ODOMETRY: 'the poses of the base', IMU: 'the IMU'}  # whatever their topics are
@@ -64,6 +64,7 @@ IMU_NOT_ASKED_FOR = 'an IMU is published but not used: set imu.noise_density'
 UNSOLVABLE = (np.linalg.LinAlgError, FloatingPointError)
 _RESTARTS_KEPT = 20
 _SILENCE = 2.0 * LONGEST  # s without an estimate, after which a run is not started again from its first messages
+_NO_CAUSES = 'method {} names no causes of a contradiction: method trajectory does'
 _NANOSEC = 'nanosec of the stamps of {} are 1e9 or more: they have to be below; the other stamps are wrong, too'
 
 
@@ -412,7 +413,9 @@ class Segment:
         causes, warnings = estimate.causes, estimate.warnings
         if text:  # second, with the gain of the first
             causes = (*causes[:1], (text, causes[0][1] if causes else 0.0), *causes[1:])
-        if self._robot.exact:
+        if self._config.method != 'trajectory' and not causes:
+            warnings = (*warnings, _NO_CAUSES.format(self._config.method))
+        if self._robot.exact and all(cause != EXACT_ROBOT for cause, _ in causes):
             warnings = (*warnings, EXACT_ROBOT)
         return replace(estimate, causes=causes, warnings=warnings)
 

@@ -14,15 +14,17 @@ from mbaid_ros.core import method as module
 from mbaid_ros.core.contracts import UNDISTURBED, Hypothesis, kind_in_words
 from mbaid_ros.core.filter.run import FIRST
 from mbaid_ros.core.method import (
+    _STRONG,
     ANY_CAUSE,
     ON_POSES,
     TARGET_CONTRADICTS,
+    UNSOLVED,
     TrajectoryEstimator,
     TrajectorySettings,
     _remedies,
     joint_delay,
 )
-from mbaid_ros.core.results.estimate import Estimate
+from mbaid_ros.core.results.estimate import WITHHELD, Estimate
 from mbaid_ros.core.results.verdict import Cause, Distance, Verdict
 from mbaid_ros.core.state import BODY, Declared
 from observed import MID, kernel
@@ -243,6 +245,21 @@ def test_why_there_is_no_solution(now: dict[str, Any], status: str, reason: str,
     assert found.remedies == {'the arm': repair}
     assert found.events == ('event',)
     assert np.array_equal(found.impulse, impulse[-1])
+
+
+@pytest.mark.parametrize('has_state', [False, True])
+@pytest.mark.parametrize('gain', [_STRONG, 1.01 * _STRONG])
+def test_a_strong_cause_contradicts_a_run_without_a_solution(has_state: bool, gain: float) -> None:
+    isolation = stub(causes=lambda _: (replace(CAUSE, gain=gain),), suspicious=True, begin_if_due=Calls())
+    run: Any = stub(has_state=has_state, searching=True, inconsistent=True)
+    method = stub(_isolation=isolation, _settings=stub(), _events=lambda _: (), _warnings=('another',))
+    window: Any = Batch(np.zeros((3, 6)))
+    found = METHOD._no_solution(method, run, replace(WAITING, momentum=np.zeros(6)), window, joints_moved=True)
+    assert found.contradicted is (gain > _STRONG)
+    assert bool(found.likely_causes) is found.contradicted
+    if found.contradicted:
+        assert found.status == 'not_identifiable'
+        assert found.warnings == (UNSOLVED.text, WITHHELD, 'another')
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ from mbaid_ros.core.method import (
     FIRST_ESTIMATE,
     FIRST_STAGE,
     LATE,
+    UNSOLVED,
     TwoStageEstimator,
 )
 from mbaid_ros.core.results.estimate import WITHHELD, Estimate
@@ -195,6 +196,31 @@ def test_a_disturbed_second_stage_is_published_and_a_changed_one_ends_the_first(
     published(method, 21.0)
     assert first.updates == 2
     assert second.restarts == 0
+
+
+@pytest.mark.parametrize('known', [False, True])
+def test_a_strong_cause_contradicts_the_first_stage_where_the_second_has_no_solution(known: bool) -> None:
+    method, first, second = stages(settled=False)
+    first.next = made(FIRST)
+    published(method, 1.0)
+    second.next = made(SECOND, status='not_identifiable', causes=(('inches', 101.0),), warnings=(WITHHELD,))
+    if not known:
+        first.next = made(FIRST, identifiable=np.zeros(10, dtype=bool), status='not_identifiable')
+    found = published(method, 1.0 + _ALONE)
+    assert found.likely_causes == (('inches', 101.0),)
+    assert (found.status, found.stage) == ('inconsistent' if known else 'not_identifiable', FIRST)
+    assert UNSOLVED.text in found.warnings
+    assert (WITHHELD in found.warnings) is not known
+
+
+def test_where_neither_stage_has_numbers_the_second_says_what_it_waits_for() -> None:
+    method, first, second = stages(settled=False)
+    first.next = made(FIRST, identifiable=np.zeros(10, dtype=bool), status='not_identifiable', warnings=('first',))
+    second.next = made(SECOND, identifiable=np.zeros(10, dtype=bool), status='waiting', warnings=('second',))
+    found = published(method, 1.0)
+    assert (found.status, found.stage, found.warnings) == ('waiting', '', ('second',))
+    first.next = replace(first.next, warnings=(WITHHELD,))
+    assert published(method, 2.0).warnings == (WITHHELD,)
 
 
 def test_a_first_stage_that_contradicts_the_data_is_withheld_for_ten_seconds() -> None:

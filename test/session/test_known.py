@@ -26,8 +26,9 @@ from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import Samples
 from mbaid_ros.core.state import layout_of, variables
 from mbaid_ros.errors import ParameterError
-from mbaid_ros.parameters import build
-from mbaid_ros.session.robot import EXACT_ROBOT, Robot, contradicted_mass, nominal_model, with_known_errors
+from mbaid_ros.parameters import build, values_of
+from mbaid_ros.session.catalogue import EXACT_ROBOT, inexact_robot
+from mbaid_ros.session.robot import Robot, contradicted_mass, nominal_model, with_known_errors
 from mbaid_ros.session.session import Session
 from mbaid_ros.tasks import Method
 from servicers import LINKS, standard_parameters
@@ -192,7 +193,16 @@ def test_what_cannot_be_used_is_one_line(tmp_path: Path, found: object, reason: 
 def test_a_robot_is_declared_exact_if_no_parameter_leaves_it_uncertain(
     parameters: dict[str, object], exact: bool
 ) -> None:
-    assert Robot(build(EstimatorConfig, parameters), urdf('table1')).exact is exact
+    config = build(EstimatorConfig, parameters)
+    assert Robot(config, urdf('table1')).exact is exact
+    (convention,) = (each for factory in inexact_robot(config, ROBOT) for each in factory(ROBOT)) if exact else (None,)
+    assert len([*inexact_robot(config, ROBOT)]) == exact
+    if convention is not None:
+        usual = {name: value for name, value in values_of(EstimatorConfig()).items() if name in EXACT}
+        given = some(convention.repair).parameters
+        assert given == {name: usual[name] for name in usual if name.startswith(('known_', 'odometry_mount'))}
+        found = {label.partition(':')[0] for unknown in convention.rest for label in unknown.labels}
+        assert {'link', 'zero', 'origin', 'axis'} < found
 
 
 def test_the_mass_of_the_whole_robot_is_known_as_well_as_it_was_weighed() -> None:

@@ -19,7 +19,7 @@ from benchmarks.honesty.runs import published
 from benchmarks.honesty.worlds import float_freely
 from checked import some
 from mbaid_ros.bags import BAG_TYPES
-from mbaid_ros.config.estimator_parameters import EstimatorConfig
+from mbaid_ros.config.estimator_parameters import EXACT, EstimatorConfig
 from mbaid_ros.core.repair import Conversion, Repair
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.robot.body import physical
@@ -104,6 +104,22 @@ def test_a_target_that_was_named_wrongly_is_replaced_and_said() -> None:
     assert last.status == 'estimating'
     assert run.robot.target_link == 'link7'
     assert str(last.repairs[0]).endswith('link7, not link6 (as if target_link were link7)')
+
+
+@pytest.mark.long
+def test_a_robot_that_is_declared_exact_deviates_as_robots_do() -> None:
+    given = messages('sinusoids of the shipped robot', 40.0)
+    for topic, message in given:
+        if topic == 'joint_states':
+            message.position = np.asarray(message.position) + 1e-3 * np.array([0.0, 2.0, 0.0, 0.0, 0.0, -2.0, 0.0])
+    last = replayed(started(**EXACT, repair=True), given)[-1]
+    (repair,) = last.repairs
+    assert repair.cause.startswith('the robot deviates from its URDF')
+    assert last.status == 'estimating'
+    truth = physical(load_model(URDF).link('link7').parameters)
+    known = last.identifiable
+    assert known[:4].all()
+    assert np.max(np.abs((last.parameters - truth) / last.std)[known]) < 4.0
 
 
 def test_a_run_without_a_contradiction_is_the_same_with_repair() -> None:
