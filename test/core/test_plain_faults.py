@@ -371,7 +371,12 @@ def test_coordinates_that_never_change_are_named(pieces: int, same: str, listed:
 @pytest.mark.parametrize('pieces', [1, 7])
 @pytest.mark.parametrize(
     ('kind', 'named'),
-    [('float32', 'steps of 31 mm along x,'), ('rounded', 'steps of 10 mm along '), ('doubles', ''), ('slow', '')],
+    [
+        ('float32', 'steps of 31 mm along x, as in float32'),
+        ('rounded', ', as if rounded'),
+        ('doubles', ''),
+        ('slow', ''),
+    ],
 )
 def test_positions_in_steps_are_named(pieces: int, kind: str, named: str) -> None:
     """In float32 far from the origin, rounded, as they are, and of a tracker that is read more seldom."""

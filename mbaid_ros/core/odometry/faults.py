@@ -40,6 +40,9 @@ _TILT = 'roll and pitch'
 _COORDINATES = ('x', 'y', 'z', _TILT, 'yaw', 'orientation')
 # m, a step of positions that is no noise; share of the poses that change by it at most: of more it may be a velocity.
 _COARSE, _PART = 4e-3, 0.5
+_BINARY = 0.01  # difference of a step's logarithm to base 2 from a whole one, below which it is that of a float
+_AS_FLOATS = 'as in float32 far from the origin: publish doubles, or positions about a nearer origin'
+_AS_ROUNDED = 'as if rounded: publish all digits of the measurement'
 _STILL = 10 * 10**9  # ns, that a coordinate stays the same after all else has moved: coarse ones change later
 _FEWEST_RATES, _KEPT_RATES = (
     8,
@@ -479,7 +482,7 @@ class PlanarPoses:
 
 
 class CoarsePositions:
-    """Follows raw positions, and finds axes that change by steps, as in float32 far from the origin."""
+    """Follows raw positions, and finds axes that change by steps: rounded, or in float32 far from the origin."""
 
     def __init__(self) -> None:
         self._steps = LeastSteps(3)
@@ -499,10 +502,10 @@ class CoarsePositions:
         if coarse.any():
             row = int(np.argmax(coarse.any(axis=1)))
             axes = listing(name for name, one in zip('xyz', coarse[row], strict=True) if one)
-            text = (
-                f'the position of the odometry changes in steps of {1e3 * np.max(step[row, coarse[row]]):.2g} mm along '
-                f'{axes}, as in float32 far from the origin: publish doubles, or positions about a nearer origin'
-            )
+            largest = float(np.max(step[row, coarse[row]]))
+            power = np.log2(largest)
+            how = _AS_FLOATS if abs(power - round(power)) < _BINARY else _AS_ROUNDED
+            text = f'the position of the odometry changes in steps of {1e3 * largest:.2g} mm along {axes}, {how}'
             yield 'coarse', int(joined.stamp[row + 1]), text
         if len(number):
             self._new, self._changed = int(number[-1]), changes[-1]
