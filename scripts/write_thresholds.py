@@ -94,7 +94,9 @@ def thresholds(file: Path) -> Iterator[Threshold]:
             first -= 1
         above = [comments[line] for line in range(first + 1, node.lineno)]
         why = ' '.join([*above, comments.get(node.end_lineno or node.lineno, '')]).strip().removesuffix('.')
-        value = ' '.join((ast.get_source_segment(source, node.value) or '').split())
+        statement = '\n'.join(lines[node.lineno - 1 : node.end_lineno])  # alone: each search splits all its lines
+        ast.increment_lineno(node, 1 - node.lineno)
+        value = ' '.join((ast.get_source_segment(statement, node.value) or '').split())
         name = f'{file.parent.name}/{file.stem}' if file.parent.parent.name == 'core' else file.stem
         yield Threshold(name, tuple(ast.unparse(name) for name in names), value, why)
 
