@@ -11,6 +11,7 @@ from mbaid_ros.core import difference_solver
 from mbaid_ros.core.difference import Conservation, momentum_jumps, noise_covariance
 from mbaid_ros.core.difference_solver import (
     Blocks,
+    CrossInformation,
     Linearisation,
     MarginalisedPrior,
     NormalSums,
@@ -238,3 +239,16 @@ def test_a_last_solution_is_started_from_if_it_explains_enough_equations(
     likelihood.x = last + 5.0 * np.eye(UNKNOWNS)[0]  # explains nothing
     likelihood._start()
     assert len(searched) == (windows < 18) + 1
+
+
+def test_consider_parameters_leave_in_the_residuals_what_the_unknowns_do_not_explain() -> None:
+    """For parameters of variance one, the squared residuals of their columns' fit by the unknowns' rows."""
+    rng = np.random.default_rng(11)
+    rows, columns = rng.normal(size=(5, 3, UNKNOWNS)), rng.normal(size=(5, 3, 2))
+    flat, each = rows.reshape(-1, UNKNOWNS), columns.reshape(-1, 2)
+    cross = CrossInformation.from_rows(rows, columns)
+    left = np.linalg.lstsq(flat, each, rcond=None)[1]
+    assert cross.surplus(np.linalg.inv(flat.T @ flat)) == pytest.approx(np.sum(left))
+    both = cross + CrossInformation.from_rows(2.0 * rows, 3.0 * columns)
+    assert both.cross == pytest.approx(7.0 * flat.T @ each)
+    assert both.diagonal == pytest.approx(10.0 * np.sum(each**2, axis=0))

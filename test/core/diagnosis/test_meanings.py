@@ -246,6 +246,7 @@ def test_the_rate_of_another_clock_is_looked_for_as_far_as_a_run_is_long(
         ([1.0, 2.0, 1.0, 1.0], [0.0, 0.6, 0.0, 0.0], False, True),
         ([-1.0, 1.0, 1.0, 1.0], [0.0, 0.6, 0.0, 0.0], False, True),
         ([-1.0, -1.0, 1.0, 1.0], [0.0, 0.6, 0.0, 0.0], True, True),
+        ([-2.0, -1.0, 1.0, 1.0], [0.0, 0.6, 0.0, 0.0], True, True),
         ([5.0, 1.0, 1.0, 1.0], [0.0, 0.0, 0.0, 0.0], True, False),  # no gear
     ],
 )

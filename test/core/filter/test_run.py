@@ -725,3 +725,26 @@ def test_a_step_that_is_not_linear_makes_a_search_due(nonlinear: bool, nis: floa
     run._covariance = None
     run._take_newton_step(step)
     assert run._covariance is None
+
+
+@pytest.mark.parametrize(('delay', 'delayed'), [(None, False), (0.0, False), (-0.01, True)])
+def test_an_estimate_has_a_joint_delay_where_its_linearisation_point_has_one(
+    delay: float | None, *, delayed: bool
+) -> None:
+    nominal = SimpleNamespace(delay=delay)
+    point = None if delay is None else SimpleNamespace(point=SimpleNamespace(nominal=nominal))
+    assert bare(point=point).has_joint_delay is delayed
+
+
+def test_a_frequency_is_resolved_by_the_data_up_to_the_end_of_the_newest_window(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One that was not resolved when the linearisation was frozen stays so."""
+    least = np.array([4.2, 4.2, 4.6])  # s of data that each of three frequencies needs
+    monkeypatch.setattr(Run, 'distribution_of_first', lambda _: SimpleNamespace(deviation=None))
+    monkeypatch.setattr(run_module, 'resolved_frequencies', lambda _, __, seconds: least < seconds)
+    window = SimpleNamespace(start=4.0, length=0.5)
+    run = bare(newest=window, layout=None, frozen_resolved=np.array([True, False, True]))
+    assert run.resolved.tolist() == [True, False, False]
+    run._newest = None
+    assert not run.resolved.any()
