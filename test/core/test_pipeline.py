@@ -73,6 +73,19 @@ def test_pieces_do_not_matter(cuts: int) -> None:
     assert pieces.origins == {START}
 
 
+def test_a_jump_of_the_map_is_named_from_the_window_on_in_which_it_is() -> None:
+    """Even where all measurements arrive in one call."""
+    joints, base = joint_stream(every(10.0, 400)), base_stream(every(10.0, 400))
+    position = base.position.copy()
+    position[220:] += [0.5, 0.0, 0.0]
+    found = Identifier(Recorder(), 0.5, 0.1).push(joints, replace(base, position=position))
+    said = {
+        each.time: any('at 2.2 s, as by a correction of the map' in text for text in each.warnings) for each in found
+    }
+    assert said == {time: time > 2.2 for time in said}
+    assert {*said.values()} == {False, True}
+
+
 MASS, INERTIA = slice(0, 1), slice(4, 10)
 
 

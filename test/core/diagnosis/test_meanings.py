@@ -25,6 +25,7 @@ from mbaid_ros.core.diagnosis.readings import (
     joints_by_another_clock,
     mapping_text,
     placed_bases,
+    scaled_positions,
     singles,
     together,
 )
@@ -138,6 +139,7 @@ def test_nothing_is_looked_for_in_few_windows_or_joints(joints: int, read: int, 
     assert returned(joint_meaning(without, windows)) is None
     if read == joints:
         assert returned(placed_bases(without, windows, None)) == []
+        assert returned(scaled_positions(without, windows)) == []
 
 
 NAMES = [f'j{number}' for number in range(1, 6)]
