@@ -252,3 +252,13 @@ def test_consider_parameters_leave_in_the_residuals_what_the_unknowns_do_not_exp
     both = cross + CrossInformation.from_rows(2.0 * rows, 3.0 * columns)
     assert both.cross == pytest.approx(7.0 * flat.T @ each)
     assert both.diagonal == pytest.approx(10.0 * np.sum(each**2, axis=0))
+
+
+def test_a_window_that_leaves_before_the_solution_is_known_counts_once() -> None:
+    """And no other window with it."""
+    blocks = noisy_blocks(12, 5, 0.1, 0.5)
+    likelihood, columns = SlidingWindow(PRIOR, 3, TYPICAL, 1), np.ones((1, EQUATIONS, 1))
+    for k in range(len(blocks)):
+        likelihood.add(blocks[k : k + 1], columns)
+        assert not likelihood._converged
+        assert likelihood.linear.equations == (k + 1) * EQUATIONS

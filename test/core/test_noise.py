@@ -248,13 +248,17 @@ def test_undeclared_noise_is_estimated_until_a_message_declares_it() -> None:
     assert first.differences()[-1].startswith('no noise is set for joint position (0.0002')
 
 
-@pytest.mark.parametrize(('spacing', 'times'), [(0.05, 100.0), (0.5, 1.0)])
-def test_an_undeclared_base_hardly_counts_before_its_poses_can_tell(spacing: float, times: float) -> None:
+@pytest.mark.parametrize(
+    ('spacing', 'later', 'times'),
+    [(0.05, 0.0, 100.0), (0.05, 1.0, 100.0), (0.05, 1.1, 1.0), (0.5, 0.0, 1.0)],  # for 40 poses, of 5 Hz at least
+)
+def test_an_undeclared_base_hardly_counts_before_its_poses_can_tell(spacing: float, later: float, times: float) -> None:
     joints, base = streams(20 * spacing, 1.0 / spacing)
     undeclared = np.array([True, False, True, True, False, True])
     noise = NoiseEstimator(MID, joints.position.shape[1], undeclared)
     noise.add_readings(joints, replace(base, declared=np.zeros((len(base.stamp), 4), dtype=bool)))
     own = replace(window(joints, base), apart=np.full(20, spacing), base_angular_velocity=np.full((20, 3), np.nan))
+    own = replace(own, time=own.time + later)
     changed, levels = noise.with_noise(own, BEGIN)
     sizes = np.sqrt(np.diagonal(changed.pose_covariance[0])[[0, 3]] / np.diagonal(MID.pose_covariance())[[0, 3]])
     assert sizes == pytest.approx(times)

@@ -73,6 +73,13 @@ def test_pieces_do_not_matter(cuts: int) -> None:
     assert pieces.origins == {START}
 
 
+@pytest.mark.parametrize(('samples', 'end'), [(1, 0.5), (50, 0.5), (51, 1.0), (149, 1.5), (151, 2.0)])
+def test_the_window_that_is_open_ends_half_a_second_after_the_one_before(samples: int, end: float) -> None:
+    one = Identifier(Recorder(), 0.5, 0.1)
+    one.push(joint_stream(every(10.0, samples)), base_stream(every(10.0, 200)))
+    assert one.end_of_window == START + round(1e9 * end)
+
+
 def test_a_jump_of_the_map_is_named_from_the_window_on_in_which_it_is() -> None:
     """Even where all measurements arrive in one call."""
     joints, base = joint_stream(every(10.0, 400)), base_stream(every(10.0, 400))

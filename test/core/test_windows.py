@@ -83,6 +83,7 @@ def test_the_latest_window_is_there_without_its_successor(samples: Samples) -> N
     [
         (1.72, [*WHOLE[:2], (2.0, 1.0, FIRST), *WHOLE[5:]]),  # within a window, which is left out
         (2.0, [*WHOLE[:3], (2.0, 0.5, FIRST), *WHOLE[5:]]),  # between two
+        (0.2, [(0.5, 0.0, FIRST), *WHOLE[2:]]),  # within the first: nothing goes on from before it
     ],
 )
 def test_windows_begin_anew_after_poses_that_jump(
@@ -92,7 +93,7 @@ def test_windows_begin_anew_after_poses_that_jump(
     found = [each.ready for each in averaged(replace(samples, frame=frame), at_once=at_once)]
     assert [each for window in found if (each := made(window))] == ready
     for window in found:
-        moved = window is not None and window.start == 2.0
+        moved = window is not None and window.gap > 0.0
         np.testing.assert_array_equal(np.zeros(2) if window is None else window.frame, [4e-8 * moved, 9e-6 * moved])
 
 
