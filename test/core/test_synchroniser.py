@@ -161,6 +161,14 @@ def test_readings_shared_by_several_samples_count_once() -> None:
     assert samples.twist_covariance[3] == pytest.approx(base_stream(every(10.0, 16)).twist_covariance[15], rel=1e-9)
 
 
+@pytest.mark.parametrize(('joints', 'base'), [(10.0, 50.0), (50.0, 10.0)])
+def test_samples_are_by_readings_of_the_base_as_far_apart_as_the_slower_stream_has_them(
+    joints: float, base: float
+) -> None:
+    samples = synchronise(joint_stream(every(joints, 20)), base_stream(every(base, 101)))
+    assert samples.apart[1:] == pytest.approx(0.05)
+
+
 def test_without_a_twist_the_pose_changes_evenly() -> None:
     base = base_stream(every(40.0, 26))
     nothing = np.full_like(base.linear_velocity, np.nan)

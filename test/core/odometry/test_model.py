@@ -23,10 +23,12 @@ from mbaid_ros.core.odometry.model import (
     ANGULAR_BIAS,
     LINEAR_BIAS,
     IntegratedTwist,
+    MarkerConfig,
     OdometryScale,
     _certain,
     integral_weights,
     integrated_twist,
+    marker_frame,
     odometry_mount,
     odometry_scale,
     parabolic_weights,
@@ -525,3 +527,12 @@ def test_windows_with_a_twist_of_its_own_have_no_integral_of_one() -> None:
     of_each |= {'integral_rows': (6, 20), 'mean_rows': (6, 20)}
     assert shapes == {name: (3, *of_each.get(name, ())) for name in shapes}
     assert not any(getattr(nothing, name).any() for name in shapes)
+
+
+def test_a_marker_has_the_pose_that_is_given_and_none_without_a_position() -> None:
+    """Turned by 90 degrees about z, its x axis is the base's y axis."""
+    turned = 0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)
+    marker = some(marker_frame(MarkerConfig(position=(0.3, -0.2, 0.5), orientation=turned)))
+    assert marker.position.tolist() == [0.3, -0.2, 0.5]
+    assert marker.rotation @ [1.0, 0.0, 0.0] == pytest.approx(np.array([0.0, 1.0, 0.0]))
+    assert marker_frame(MarkerConfig(orientation=turned)) is None
