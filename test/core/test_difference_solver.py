@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -16,6 +18,7 @@ from mbaid_ros.core.difference_solver import (
     MarginalisedPrior,
     NormalSums,
     SlidingWindow,
+    first_solutions,
     maximum_likelihood,
 )
 from mbaid_ros.core.geometry import Array
@@ -262,3 +265,15 @@ def test_a_window_that_leaves_before_the_solution_is_known_counts_once() -> None
         likelihood.add(blocks[k : k + 1], columns)
         assert not likelihood._converged
         assert likelihood.linear.equations == (k + 1) * EQUATIONS
+
+
+def test_first_solutions_are_compensated_unless_that_makes_the_mass_negative() -> None:
+    """Noise in the rows makes plain solutions too small; of noise declared four times too large nothing is left."""
+    blocks, nothing = noisy_blocks(300, 0, 0.1, 0.3), np.zeros(UNKNOWNS)
+    *_, plain, _, _, _, compensated = first_solutions(blocks, PRIOR, nothing)
+    assert compensated == pytest.approx(TRUE, abs=0.1)
+    assert plain[0] < 0.95 * TRUE[0]
+    louder = replace(blocks, noise_rows=4.0 * blocks.noise_rows)
+    found = first_solutions(louder, PRIOR, nothing)
+    assert len(found) == 5  # two plain ones, and by total least squares one more
+    assert all(x[0] > 0.0 for x in found)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from itertools import permutations, product
 from types import SimpleNamespace
 from typing import Any
@@ -29,7 +30,8 @@ from mbaid_ros.core.diagnosis.readings import (
     singles,
     together,
 )
-from mbaid_ros.core.geometry import Array
+from mbaid_ros.core.geometry import Array, exp
+from observed import kernel
 
 NOISE = 1e-3
 
@@ -286,3 +288,25 @@ def test_small_errors_of_continuous_numbers_are_no_reason_to_combine_discrete_on
     robot: Any = SimpleNamespace(model=SimpleNamespace(joints=4, independent_joints=range(4)))
     windows: Any = [None] * 20
     assert returned(joint_meaning(robot, windows)) is None
+
+
+def test_body_momentum_and_known_thrust_together_explain_the_motion() -> None:
+    """A momentum about the origin that thrust changes, in windows at random places: twists follow from it."""
+    robot, count, rng = kernel('servicer7'), 12, np.random.default_rng(0)
+    joints, rates, stored = (rng.normal(size=(count, size)) for size in (robot.model.joints, robot.model.joints, 0))
+    rotation, position, impulse = exp(rng.normal(size=(count, 3))), rng.normal(size=(count, 3)), generic(1, count, 6)
+    total = generic(2, 6) + impulse
+    about_base = np.concatenate((total[:, :3], total[:, 3:] - np.cross(position, total[:, :3])), axis=1)
+
+    def momentum(twist: Array) -> Array:
+        states = robot.states_of(rotation, joints, rates, np.tile(twist, (count, 1)), stored)
+        return np.asarray(states.known_momentum + states.regressor @ robot.target.parameters)
+
+    still = momentum(np.zeros(6))
+    inertia = np.stack([momentum(unit) - still for unit in np.eye(6)], axis=2)
+    twist = np.linalg.solve(inertia, (about_base - still)[..., None])[..., 0]
+    moved = Motion(robot, joints, rates, rotation, position, twist, impulse, stored, np.zeros(6))
+    meant = as_read(robot.model.joints)
+    assert moved.residuals([meant]) == pytest.approx(0.0, abs=1e-6 * np.abs(twist).max())
+    without = replace(moved, impulse=0.0 * impulse).residuals([meant])
+    assert np.abs(without).max() > 1e-3 * np.abs(twist).max()
