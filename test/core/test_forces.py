@@ -13,6 +13,7 @@ from scipy.stats import chi2
 from benchmarks.honesty.disturbed import AXES
 from checked import generic, same
 from floating import float_freely, follow, make, normalised, true_momentum
+from mbaid_ros.core import forces
 from mbaid_ros.core.clocks import time_offset
 from mbaid_ros.core.forces import (
     FAR_THRUST,
@@ -126,6 +127,16 @@ def test_late_commands_count_from_then_on() -> None:
     assert np.all(first == 0.0)
     assert rest == pytest.approx(expected[len(first) :], abs=1e-12)
     assert not in_time.late
+
+
+def test_commands_that_are_forgotten_have_acted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For a second each; the last one is kept."""
+    monkeypatch.setattr(forces, '_REMEMBERED', 2 * 10**9)
+    thrust, wrenches = thrust_of(), generic(3, 12, 6)
+    for second, wrench in enumerate(wrenches):
+        thrust.add_command('odom', ns(0.7 + second), wrench, None)
+    assert impulses(thrust, windows(samples()))[-1] == pytest.approx(np.sum(wrenches, axis=0))
+    assert [each.stamp for each in thrust._commands['odom']] == [ns(11.7)]
 
 
 def commands(thrust: Thrust, *wrenches: Array, count: int = 90) -> str:

@@ -17,7 +17,7 @@ from checked import same
 from made_runs import BODY, estimate
 from mbaid_ros.core import method
 from mbaid_ros.core.method import DISAGREE, FIRST_STAGE, LATE, TwoStageEstimator
-from mbaid_ros.core.pipeline import Identifier
+from mbaid_ros.core.pipeline import RATE_MISSING, Identifier
 from mbaid_ros.core.results.estimate import Estimate
 from mbaid_ros.core.samples import Samples, Stamps
 from mbaid_ros.tasks import Method, Tasks
@@ -78,6 +78,22 @@ def test_the_window_that_is_open_ends_half_a_second_after_the_one_before(samples
     one = Identifier(Recorder(), 0.5, 0.1)
     one.push(joint_stream(every(10.0, samples)), base_stream(every(10.0, 200)))
     assert one.end_of_window == START + round(1e9 * end)
+
+
+@pytest.mark.parametrize(
+    ('of_joints', 'of_base', 'spacing', 'dropped'),
+    [(True, False, 500.0, 5), (False, True, 500.0, 5), (False, False, 500.0, 0), (True, True, 100.0, 0)],
+)
+def test_windows_of_a_single_sample_without_rates_are_dropped_and_counted(
+    spacing: float, dropped: int, *, of_joints: bool, of_base: bool
+) -> None:
+    joints, base = joint_stream(every(spacing, 6)), base_stream(every(10.0, 260))
+    joints.velocity[:] = np.where(of_joints, np.nan, joints.velocity)
+    base.linear_velocity[:] = np.where(of_base, np.nan, base.linear_velocity)
+    one = Identifier(method := Recorder(), 0.5, 0.1)
+    found = one.push(joints, base)
+    assert len(found) == len(method.windows) == (5 if spacing == 500.0 else 1) - dropped  # the last window is open
+    assert (one.used, one.dropped[RATE_MISSING]) == (6 - dropped, dropped)
 
 
 def test_a_jump_of_the_map_is_named_from_the_window_on_in_which_it_is() -> None:

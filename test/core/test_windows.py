@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mbaid_ros.core.geometry import Array
+from checked import generic
+from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.windows import Averaged, KnotAveraging, Window, _halves, knots_per_window
+from mbaid_ros.core.windows import Averaged, KnotAveraging, Knots, Window, _halves, _with_course, knots_per_window
 from observed import MID, configured_motion, observe, windows
 
 FIRST, ALONE, LATER, LAST = (14, 0, 10), (10, 0, 9), (17, 3, 13), (13, 3, 12)  # knots, own intervals from and to
@@ -146,3 +147,25 @@ def test_readings_of_a_window_are_summed_by_the_halves_of_its_knots() -> None:
     assert found[:, :, 0].tolist() == [[1.0 + 2.0 + 128.0, 4.0], [8.0 + 16.0, 0.0], [32.0, 64.0 + 256.0]]
     assert np.array_equal(found[:, :, 1], -found[:, :, 0])
     assert _halves(np.zeros((9, 0)), times, begin, 0.1, 3).shape == (3, 2, 0)
+
+
+def test_errors_of_a_gyro_turn_an_orientation_that_follows_it_alone() -> None:
+    """By the integral of what they add to its rate, in the axes of the odometry, up to the middle of each knot."""
+    count, spacing, rng = 12, 0.05, np.random.default_rng(4)
+    rotation, angle = exp(rng.normal(size=(count, 3))), rng.normal(size=(count, 3))
+    shapes = (1,), (3, 3), (3,), (6,), (), (), (6,), (0,), (0,), (0,), (5,), (36,)
+    still = Knots(*(np.zeros((count, *shape)) for shape in shapes))
+    knots = replace(still, base_rotation=rotation, further=np.hstack((angle, np.ones((count, 2)))))
+    bias, scale, turn, shared = errors = generic(5, 4, 3)
+    begin = generic(6, 36)
+    followed, end = _with_course(knots, spacing, begin)
+    rate = np.gradient(angle, spacing, axis=0)
+    x, y, z = rate.T
+    # A cross axis error of one number for two axes: each reads as much of the other.
+    crossing = np.stack((shared[2] * y + shared[1] * z, shared[2] * x + shared[0] * z, shared[1] * x + shared[0] * y))
+    added = bias + scale * rate + np.cross(rate, turn) + crossing.T
+    steps = spacing * np.einsum('nij,nj->ni', rotation, added)
+    before = begin.reshape(3, 12) @ errors.ravel()
+    middle = before + np.cumsum(steps, axis=0) - 0.5 * steps
+    assert followed.attitude_sensitivity.reshape(count, 3, 12) @ errors.ravel() == pytest.approx(middle)
+    assert end.reshape(3, 12) @ errors.ravel() == pytest.approx(before + np.sum(steps, axis=0))
