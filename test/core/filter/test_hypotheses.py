@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbaid_ros.core.filter.gaussian import SquareRootInformation
-from mbaid_ros.core.filter.hypotheses import Bank, HypothesisFilter, joined, update_bank
+from mbaid_ros.core.filter.hypotheses import Bank, HypothesisFilter, cap_likelihood, joined, update_bank
 from mbaid_ros.core.filter.linearise import WhitenedWindow
 from mbaid_ros.core.filter.posterior import MeanAndCovariance
 from mbaid_ros.core.state import MOMENTUM, Variables
@@ -97,3 +97,15 @@ def test_the_first_window_is_no_jump_even_if_it_contradicts_the_prior() -> None:
         (found,) = followed((filtered(0, SquareRootInformation.prior(space)),), made, space)
         assert found.gaussian.last_nis > 1000.0 or jumps
         assert len(found.jumps) == found.inflations == jumps
+
+
+def test_a_hypothesis_that_is_not_needed_is_no_likelier_than_the_first() -> None:
+    prior = SquareRootInformation.prior(variables(np.random.default_rng(1)), 'none')
+    bank = tuple(filtered(0, replace(prior, log_likelihood=each)) for each in (5.0, 9.0, 2.0, 7.0))
+    assert [each.gaussian.log_likelihood for each in cap_likelihood(bank)] == [5.0, 5.0, 2.0, 5.0]
+
+
+def test_innovations_of_their_own_size_lose_no_likelihood_and_larger_ones_half_their_square() -> None:
+    prior = SquareRootInformation.prior(variables(np.random.default_rng(1)), 'none')
+    assert replace(prior, nis=20.0, measured=20).misfit == 0.0
+    assert replace(prior, nis=29.0, measured=20).misfit == 4.5

@@ -14,10 +14,22 @@ from mbaid_ros.core.filter.gauss_newton import reverses
 from mbaid_ros.core.filter.gaussian import SquareRootInformation
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.links import TotalMass, independent_errors, known_bodies
+from mbaid_ros.core.odometry.model import odometry_mount
 from mbaid_ros.core.robot.model import PlaneDetector
 from mbaid_ros.core.robot.momentum import inertia_matrix, inverse_inertia_and_momentum
-from mbaid_ros.core.state import BODY, Declared, Layout, Variables, _drawn_anew, _walks, trust_region, variables
+from mbaid_ros.core.state import (
+    BODY,
+    Declared,
+    Layout,
+    UnknownsPrior,
+    Variables,
+    _drawn_anew,
+    _walks,
+    trust_region,
+    variables,
+)
 from mbaid_ros.core.target import TargetPrior
+from mbaid_ros.errors import DataError
 from mbaid_ros.session.catalogue import hypotheses
 from observed import kernel
 from windowed import covariance_of, prepare, window
@@ -175,3 +187,41 @@ def test_no_step_takes_a_body_further_than_half_its_size() -> None:
     step[6] = -0.4 * body[0]
     assert trust_region(parameters, step) == 1.0
     assert trust_region(np.zeros(16), step) == 1.0  # nothing is known of a body without mass
+
+
+def test_a_prior_of_other_numbers_or_of_another_order_of_unknowns_is_refused() -> None:
+    """The unknowns of the readings are the last."""
+    doubted, mount = known_bodies(DOUBTED.model, DOUBTED.errors), odometry_mount(0.01, 0.02)
+    count = doubted.count + mount.count
+    known = UnknownsPrior(generic(1, count), np.eye(count))
+    assert Layout.from_unknowns(DOUBTED, (doubted, mount), known).known is known
+    assert Layout.from_unknowns(DOUBTED, (mount, doubted)).unknowns == (doubted, mount)
+    for unknowns, prior in (
+        ((mount, doubted), known),
+        ((doubted,), known),
+        ((doubted, mount), UnknownsPrior(known.mean[1:], np.eye(count - 1))),
+    ):
+        with pytest.raises(ValueError, match='numbers does not match'):
+            Layout.from_unknowns(DOUBTED, unknowns, prior)
+
+
+def test_a_continued_run_knows_all_but_pose_error_and_momentum_as_the_run_before() -> None:
+    made, rng = space(), np.random.default_rng(5)
+    first, count = made.moving, len(made.scale)
+    root = np.triu(rng.normal(size=(count - first, count - first)) + 5.0 * np.eye(count - first))
+    right, bias = rng.normal(size=count - first), np.ones((2, 3))
+    mean, fresh = np.linalg.solve(root, right), made.prior()[1]
+    continued = made.for_continued_run(np.column_stack((root, right)), bias)
+    found, information, likelihood = continued.prior()
+    expected = np.zeros((count, count))
+    expected[:first, :first] = fresh[:first, :first].T @ fresh[:first, :first]
+    expected[first:, first:] = root.T @ root
+    assert information.T @ information == pytest.approx(expected)
+    assert found == pytest.approx(np.concatenate((np.zeros(first), mean)))
+    assert likelihood == 0.0
+    assert continued.previous_bias is bias
+    state = made.state_columns(np.concatenate((np.zeros(first), mean))[:, None])[:, 0]
+    state[BODY.start + 1 : BODY.stop] = 0.0  # of the body the mass alone says where the next search begins
+    assert continued.mean == pytest.approx(state)
+    with pytest.raises(DataError, match='the run to continue has'):
+        made.for_continued_run(np.column_stack((root, right))[1:], bias)

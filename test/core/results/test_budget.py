@@ -70,6 +70,15 @@ def test_a_group_counts_its_elements_by_their_variances() -> None:
     assert sum(centre.values()) == pytest.approx(1.0)
 
 
+def test_a_declaration_dominates_a_group_with_more_than_half_of_its_variance() -> None:
+    """Sensor noise is none."""
+    centre = (0.1 + 4 * 0.85 + 0.1) / 6.0
+    assert known_budget().dominant(STD) == {
+        'link:base_link': {'mass': pytest.approx(0.9)},
+        'zero:joint6': {'centre of mass': pytest.approx(centre)},
+    }
+
+
 def test_what_is_not_determined_counts_nowhere() -> None:
     known = np.isin(np.arange(10), [0, 1, 9])
     shares, std = known_budget().shares.copy(), np.where(known, STD, np.nan)
