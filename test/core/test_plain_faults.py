@@ -14,7 +14,7 @@ import pytest
 from benchmarks.honesty.robots import in_millimetres
 from checked import some
 from mbaid_ros.core.geometry import Array, exp
-from mbaid_ros.core.joints.faults import JointFaults, JointRates
+from mbaid_ros.core.joints.faults import CHECKS, JointFaults, JointRates
 from mbaid_ros.core.odometry import faults
 from mbaid_ros.core.odometry.faults import HELD, HeldBase, PlanarPoses, _is_held, twist_check
 from mbaid_ros.core.pipeline import PlainFaults, WindowChecks
@@ -515,3 +515,15 @@ def test_a_base_that_may_be_held_is_looked_at_ever_less_often(monkeypatch: pytes
     for _ in range(10):
         held.update(replace(window, impulse=np.ones((count, 6))))
     assert compared[5:] == [10]
+
+
+def test_faults_of_joints_are_named_after_others_and_notes_last() -> None:
+    """In the order of the table."""
+    grave, note = (
+        [name for name, each in CHECKS.items() if (each.severity == 'note') is kind] for kind in (False, True)
+    )
+    faults = PlainFaults(robot('servicer7'), 1e-4)
+    order = ['planar', *grave, 'zeros', *note]
+    for symptom in sorted(order):
+        faults.name(symptom, 0, symptom)
+    assert faults.texts == order

@@ -12,6 +12,7 @@ from scipy.special import chdtri
 from scipy.stats import multivariate_normal
 
 from checked import some
+from mbaid_ros.core.diagnosis.isolation import CandidateCauses
 from mbaid_ros.core.filter.posterior import PriorComparison
 from mbaid_ros.core.geometry import Array
 from mbaid_ros.core.joints.faults import joint_noise_factor
@@ -22,6 +23,16 @@ from mbaid_ros.core.samples import Samples
 from windowed import base_stream, joint_stream
 
 JOINT = 1e-4  # rad
+
+
+def test_joints_with_readings_neither_follow_others_nor_are_passive() -> None:
+    model = SimpleNamespace(transmission=SimpleNamespace(independent=np.array([0, 2, 3, 5])))
+    robot = SimpleNamespace(model=model, springs=SimpleNamespace(joints=(2, 5)))
+    causes = CandidateCauses.__new__(CandidateCauses)
+    object.__setattr__(causes, 'layout', SimpleNamespace(kernel=robot))
+    assert causes.read_joints == (0, 3)
+
+
 compared = PriorComparison.from_posterior
 
 

@@ -532,3 +532,21 @@ def test_a_swing_is_followed_from_the_first_windows_where_nothing_else_explains_
     search._from_masses = lambda *_: finished([*results])
     search._following_a_swing = lambda *_: finished(['followed'])
     assert returned(MultiStart._from_guesses(search, [], [])) == [*results, *(['followed'] if followed else [])]
+
+
+def test_a_robot_without_joints_is_guessed_as_a_body_of_its_own_shape() -> None:
+    """Its masses are parts of the typical one where no other link has any; without a shape it is a ball."""
+    described = np.array([4.0, -0.4, -0.8, 1.2, 2.0, 0.1, 0.2, 3.0, 0.3, 5.0])
+    model = SimpleNamespace(joints=0, positions=np.zeros((1, 3)))
+    robot = SimpleNamespace(known=np.zeros((1, 10)), model=model, target=SimpleNamespace(parameters=described))
+    space = SimpleNamespace(mean=np.zeros(BODY.stop), tracked=None, typical_momentum=[20.0])
+    batch = SimpleNamespace(layout=SimpleNamespace(kernel=robot), variables=space)
+    search: Any = SimpleNamespace(batch=batch, _beginning=lambda body, _: body)
+    layout: Any = SimpleNamespace(point=lambda body: body)
+    for declared, masses in ((0.0, [6.0, 2.0, 20.0]), (7.0, [7.0])):
+        space.mean[BODY.start] = declared
+        guessed: list[Any] = MultiStart._guesses(search, [], layout)
+        assert guessed == [pytest.approx(mass / 4.0 * described) for mass in masses]
+    robot.target.parameters = np.zeros(10)
+    (ball,) = MultiStart._guesses(search, [], layout)
+    assert np.asarray(ball)[[0, 1, 5]].tolist() == [7.0, 0.0, 0.0]

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
-from checked import central_difference
+from checked import central_difference, generic
 from floating import true_momentum
 from mbaid_ros.core.clocks import time_offset
 from mbaid_ros.core.contracts import Stack, stacked
-from mbaid_ros.core.filter.linearise import predict
+from mbaid_ros.core.filter.linearise import _by_tracking, predict
 from mbaid_ros.core.geometry import Array, exp, log, rotate, unvec
 from mbaid_ros.core.joints.model import joint_gains, joint_placements
 from mbaid_ros.core.links import independent_errors, known_bodies
@@ -361,3 +363,21 @@ def test_what_accumulates_of_the_joints_noise(robot: Layout, exact: Samples, poi
     claimed = window_model(robot, window, at(robot, point)).noise.process
     expected = JOINT * LENGTH / np.sqrt(window.noise.samples) * remainder
     assert claimed == pytest.approx(expected, abs=0.1 * np.abs(expected).max())
+
+
+def test_tracking_errors_of_joints_are_white_noise_of_the_rates_of_a_sensor_beside_the_base() -> None:
+    """In the time dt of a sample an error of unit variance and time constant T changes by sqrt(2 dt / T)."""
+    gain, columns, counts, length = generic(1, 2, 3, 4), generic(2, 4, 2), np.array([20.0, 30.0]), 0.5
+    times = np.array([0.2, 3.0])
+    layout: Any = SimpleNamespace(time_constants=np.array([np.inf, *times]), joint_columns=columns)
+    stack: Any = SimpleNamespace(samples=counts[:, None, None], windows=[SimpleNamespace(length=length)])
+    kinds = (None, None), (gain, np.ones((2, 4))), (gain, None)  # on the base, of the pose, of the rates
+    seen: Any = [SimpleNamespace(value=np.zeros((2, 3)), joint_gain=by, weights=at) for by, at in kinds]
+    found = _by_tracking(layout, stack, seen, (2, 9, 5))
+    steps = length / counts[:, None]
+    rates = np.sqrt(2.0 * steps / times) / steps
+    assert found[:, 6:, 3:] == pytest.approx(np.einsum('brn,nc,bc->brc', gain, columns, rates))
+    assert not found[:, :6].any()
+    assert not found[:, :, :3].any()
+    layout.time_constants = np.zeros(0)
+    assert not _by_tracking(layout, stack, seen, (2, 9, 5)).any()
