@@ -8,10 +8,21 @@ import numpy as np
 import pytest
 
 from checked import generic
+from mbaid_ros.core.contracts import NominalModel, Stack
 from mbaid_ros.core.geometry import Array, exp
 from mbaid_ros.core.samples import Samples
-from mbaid_ros.core.windows import Averaged, KnotAveraging, Knots, Window, _halves, _with_course, knots_per_window
-from observed import MID, configured_motion, observe, windows
+from mbaid_ros.core.windows import (
+    Averaged,
+    KnotAveraging,
+    Knots,
+    Window,
+    _halves,
+    _with_course,
+    knots_per_window,
+    midpoints,
+)
+from observed import MID, configured_motion, kernel, observe, windows
+from windowed import joint_window
 
 FIRST, ALONE, LATER, LAST = (14, 0, 10), (10, 0, 9), (17, 3, 13), (13, 3, 12)  # knots, own intervals from and to
 Made = tuple[float, float, tuple[int, int, int]]  # start, gap (s), shape
@@ -169,3 +180,29 @@ def test_errors_of_a_gyro_turn_an_orientation_that_follows_it_alone() -> None:
     middle = before + np.cumsum(steps, axis=0) - 0.5 * steps
     assert followed.attitude_sensitivity.reshape(count, 3, 12) @ errors.ravel() == pytest.approx(middle)
     assert end.reshape(3, 12) @ errors.ravel() == pytest.approx(before + np.sum(steps, axis=0))
+
+
+def test_an_orientation_by_a_gyro_alone_and_its_rate_are_corrected_by_the_errors_of_the_gyro() -> None:
+    """Those of its rate depend on the rate itself, in its axes: that of the corrected orientation."""
+    count, errors = 17, generic(7, 12)
+    window, angle = joint_window(np.zeros((count, 1)), 0.0), 0.1 * np.arange(count)[:, None]
+    true = exp(angle * [0.5, -0.4, 0.3]) @ exp(angle**2 * [0.2, 0.3, -0.1])
+    away, further = 0.1 * generic(8, count, 3, 12), np.hstack((np.sin(generic(9, 3) * angle), angle))
+    read, turned = (exp(sign * (away @ errors)) for sign in (1.0, -1.0))
+    assert turned @ (read @ true) == pytest.approx(true)
+    knots = replace(window.knots, base_rotation=read @ true, further=further)
+    knots = replace(knots, attitude_sensitivity=away.reshape(count, 36))
+    stack = Stack((replace(window, knots=knots),), (0,))
+    nominal = replace(NominalModel.nominal(kernel('table1')), gyro=errors)
+    found, own = stack.motion(nominal)
+    inside = slice(window.inside.start - 1, window.inside.stop + 1)
+    expected = midpoints(replace(knots, base_rotation=true), window.spacing)[inside]
+    assert found.base_rotation[:, 0] == pytest.approx(expected.base_rotation)
+    assert found.turn[:, 0] == pytest.approx(expected.turn)
+    rate = np.einsum('nji,nj->ni', expected.base_rotation, expected.turn) / window.spacing
+    bias, scale, turn, (a, b, c) = errors.reshape(4, 3)
+    x, y, z = rate.T
+    wrong = bias + scale * rate + np.cross(rate, turn) + np.stack((c * y + b * z, c * x + a * z, b * x + a * y), axis=1)
+    assert found.further[:, 0, :3] == pytest.approx(expected.further[:, :3] - wrong)
+    assert found.further[:, 0, 3:] == pytest.approx(expected.further[:, 3:])
+    assert own == slice(1, 1 + window.inside.stop - window.inside.start)
