@@ -345,6 +345,7 @@ def given(diagonal: tuple[float, ...], entry: tuple[int, int, float] | None = No
         (given((2.0,) * 6, (0, 1, 0.5)), (False, True), True),  # not symmetric
         (given((-1.0, 0.0, 0.0, 0.0, 0.0, 0.0)), (False, False), True),
         (given((2.0, 2.0, 2.0, 2.0, np.inf, 2.0)), (True, False), True),
+        (given((2.0, 2.0, 1e13, 2.0, 2.0, 2.0)), (False, True), True),  # of no possible size
         (np.full((6, 6), 2.0), (False, False), True),
     ],
 )
