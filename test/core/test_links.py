@@ -7,7 +7,14 @@ import pytest
 
 from checked import some
 from mbaid_ros.core.contracts import Convention
-from mbaid_ros.core.links import impossible, mistaken_masses, mistaken_tensors
+from mbaid_ros.core.links import (
+    KnownLinksConfig,
+    impossible,
+    link_deviations,
+    masses,
+    mistaken_masses,
+    mistaken_tensors,
+)
 from mbaid_ros.core.robot.model import RobotModel, load_model
 from mbaid_ros.core.robot.momentum import MomentumKernel
 
@@ -149,3 +156,25 @@ def test_tensors_are_meant_otherwise_where_that_is_another_body_that_can_be(link
         assert np.abs(each.kernel.known - kernel.known)[1].max() > 1e-3
         assert np.array_equal(each.kernel.known[[0, 2]], kernel.known[[0, 2]])
         assert each.misfit_left == np.inf
+
+
+@pytest.mark.parametrize('offset', [0.5, 0.0])  # m, of the centre of mass
+def test_the_centre_of_a_link_is_as_uncertain_as_a_part_of_its_size(offset: float) -> None:
+    """Of a body with a radius of gyration of 0.2 m, whose mass alone is declared: the rest is by that of all links."""
+    centre = offset * np.array([0.6, 0.0, -0.8])
+    about = 4.0 * (0.2**2 * np.eye(3) + centre @ centre * np.eye(3) - np.outer(centre, centre))
+    body = np.concatenate(([4.0], 4.0 * centre, about[np.triu_indices(3)]))
+    found = link_deviations(body, KnownLinksConfig(relative_std=0.05), {'mass_relative_std': 0.2})
+    assert found.mass == 0.2
+    assert found.inertia == 0.05
+    assert found.com == pytest.approx(0.05 * max(offset, 0.2))
+
+
+def test_an_error_of_a_mass_alone_is_named_by_its_link_and_one_of_a_centre_is_not() -> None:
+    factor = np.zeros((30, 6))
+    factor[:10, 0] = 0.02 * np.arange(1.0, 11.0)  # a base that is heavier, the same otherwise
+    factor[11:14, 1:4] = 0.01 * np.eye(3)  # a first moment
+    factor[20:30, 4], factor[21, 5] = 0.03 * np.arange(1.0, 11.0), 0.01
+    assert masses(('base', 'arm', 'hand'), factor) == ('mass:base', '', '', '', 'mass:hand', '')
+    factor[20, 5] = 0.04
+    assert masses(('base', 'arm', 'hand'), factor) == ('mass:base', '', '', '', '', '')  # two make it out
