@@ -250,6 +250,14 @@ def test_what_is_off_is_said_with_its_value(text: str, words: str) -> None:
     assert words in text
 
 
+def layout_of_springs() -> Any:
+    """Return a layout whose third to sixth numbers are errors of two springs."""
+    springs, limits = on_springs().kernel.springs, [SimpleNamespace(lower=-3.14, upper=3.0)] * 3
+    unknown = spring_errors(NAMES, [0.1, 0.2], [0.01, 0.02])
+    kernel = SimpleNamespace(model=SimpleNamespace(limits=limits), springs=springs)
+    return SimpleNamespace(kernel=kernel, unknowns=(unknown,), places=(slice(2, 6),))
+
+
 @pytest.mark.parametrize(
     ('frequency', 'deflection', 'seen', 'texts'),
     [
@@ -263,13 +271,19 @@ def test_what_is_off_is_said_with_its_value(text: str, words: str) -> None:
 def test_a_passive_joint_contradicts_its_declaration_by_its_frequency_or_its_limits(
     frequency: float, deflection: float, texts: list[str], *, seen: bool
 ) -> None:
-    springs, limits = on_springs().kernel.springs, [SimpleNamespace(lower=-3.14, upper=3.0)] * 3
-    unknown = spring_errors(NAMES, [0.1, 0.2], [0.01, 0.02])
-    kernel = SimpleNamespace(model=SimpleNamespace(limits=limits), springs=springs)
-    layout: Any = SimpleNamespace(kernel=kernel, unknowns=(unknown,), places=(slice(2, 6),))
     state = np.zeros(6)
     state[2] = frequency
     joints: list[Any] = [SimpleNamespace(joint=name, deflection=deflection * (name == 'boom')) for name in NAMES]
-    reasons = implausible_springs(state, layout, joints, np.array([seen, True]))
+    reasons = implausible_springs(state, layout_of_springs(), joints, np.array([seen, True]))
     assert [each.text.split(', 0.318')[0].split(':')[0] for each in reasons] == texts
     assert [each.gain for each in reasons] == pytest.approx([4.805 if frequency else 4.5][: len(texts)])
+
+
+def test_a_passive_joint_is_named_with_its_own_frequency() -> None:
+    """Of two joints whose damping ratios are off as well, each by exp of its relative error times as fast."""
+    joints: list[Any] = [SimpleNamespace(joint=name, deflection=0.0) for name in NAMES]
+    state = np.array([0.0, 0.0, 4.0, 1.5, -5.0, 2.5])
+    reasons = implausible_springs(state, layout_of_springs(), joints, np.array([True, True]))
+    frequencies = RATES / (2.0 * np.pi) * np.exp([0.1 * 4.0, 0.2 * -5.0])
+    for rate, reason in zip(frequencies, reasons, strict=True):
+        assert f'would swing at {rate:.3g} Hz' in reason.text
