@@ -282,6 +282,7 @@ def test_the_first_guess_is_a_sphere_that_turns_as_the_last_poses_do() -> None:
     guess = _first_guess(track, PoseNoise(1e-3, 1e-3))
     turning = guess.rotation @ exp(track.time[-10:, None] * guess.spin)
     assert np.abs(log(np.swapaxes(turning, 1, 2) @ track.rotation[-10:])).max() < 0.1
+    assert turning[-1] == pytest.approx(track.rotation[-1])
     # Of the last poses within one radian: the tracked frame's origin goes round the centre of mass.
     recent = track.time > track.time[-1] - 1.0 / np.deg2rad(20.0)
     line = np.polyfit(track.time[recent], track.position[recent], 1)

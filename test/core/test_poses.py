@@ -140,9 +140,11 @@ def test_cubics_are_interpolated_exactly_between_knots() -> None:
         assert weights @ knots**power == pytest.approx(place**power, abs=1e-11)
 
 
-def test_a_pose_between_knots_is_that_of_a_steady_turn() -> None:
+@pytest.mark.parametrize('fast', [1.0, 20.0])  # by more than a turn in all, by half a one within four knots
+def test_a_pose_between_knots_is_that_of_a_steady_turn(fast: float) -> None:
     times = np.arange(6.0)[:, None]
-    rate, velocity = np.array([[0.02, -0.03, 0.01], [0.0, 0.05, 0.02]]), np.array([[0.1, 0.0, -0.2], [0.3, 0.1, 0.0]])
+    rate = fast * np.array([[0.02, -0.03, 0.01], [0.0, 0.05, 0.02]])
+    velocity = np.array([[0.1, 0.0, -0.2], [0.3, 0.1, 0.0]])
     rotation, position = exp(times[..., None] * rate), times[..., None] * velocity
     place = np.array([[0.3, 4.6], [2.2, 3.9]])
     turned, there = between(rotation, position, place, interpolation(place, 6))
