@@ -8,10 +8,13 @@ import numpy as np
 import pinocchio
 import pytest
 
+from checked import assert_derivative, generic
 from mbaid_ros.core.filter.linearise import predict
 from mbaid_ros.core.geometry import Array, exp
+from mbaid_ros.core.links import known_bodies
+from mbaid_ros.core.passive import spring_errors
 from mbaid_ros.core.robot.model import load_model, parse
-from mbaid_ros.core.robot.momentum import MomentumKernel, Springs
+from mbaid_ros.core.robot.momentum import KnownErrors, MomentumKernel, Springs
 from mbaid_ros.core.state import BODY, LINEAR, Layout, Point
 from mbaid_ros.core.swing import spring_constants
 from mbaid_ros.core.windows import Midpoints, Swing
@@ -66,6 +69,14 @@ class Case:
         `turn` (3, 3) are the base's axes, in which the momentum is as in its own; else those of the odometry.
         """
         rotation: Array = np.eye(3) if turn is None else turn
+        total = self.momenta(self.state())[:6]
+        point = self.point(np.concatenate((rotation @ total[:3], rotation @ total[3:])))
+        prediction, bodies = predict(self.layout, self.middle(state, rotation), point, along[None])
+        assert bodies.passive is not None
+        return bodies.passive, prediction.twist[0]
+
+    def middle(self, state: State, rotation: Array) -> Midpoints:
+        """Return the midpoint of an interval at a state, its passive joints at rest."""
         rate = state.joint_velocity.copy()
         rate[self.joints] = 0.0
         none = np.zeros((1, 3))
@@ -73,12 +84,7 @@ class Case:
             *(state.joint_position[None], rate[None], rotation[None], state.base_position[None]),
             *(np.zeros((1, 6)), none, none, np.zeros((1, 6))),
         )
-        middle = replace(middle, gravity_columns=np.zeros((1, 0)), thrust=np.zeros((1, 0)))
-        total = self.momenta(self.state())[:6]
-        point = self.point(np.concatenate((rotation @ total[:3], rotation @ total[3:])))
-        prediction, bodies = predict(self.layout, middle, point, along[None])
-        assert bodies.passive is not None
-        return bodies.passive, prediction.twist[0]
+        return replace(middle, gravity_columns=np.zeros((1, 0)), thrust=np.zeros((1, 0)))
 
 
 @pytest.mark.parametrize('seed', SEEDS)
@@ -136,6 +142,37 @@ def test_derivatives_by_the_state(seed: int) -> None:
         step = STEP * np.eye(2 * size)[place]
         expected = (rates(step) - rates(-step)) / (2.0 * STEP)
         assert found.by_state[0][:, place] == pytest.approx(expected, rel=1e-5, abs=1e-6 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_derivatives_by_the_parameters(seed: int) -> None:
+    """Momentum, target, known bodies on either side of the passive joints, and their springs after these."""
+    case = Case(seed)
+    start, kernel = replace(case.state(), base_position=generic(1, 3)), case.kernel
+    others = tuple(body for body in range(case.model.joints + 1) if kernel.known[body, 0] > 0.0)
+    errors = KnownErrors(others, 0.1 * generic(2, 40 * len(others)).reshape(-1, 4))
+    names = [case.model.joint_names[joint] for joint in case.joints]
+    springs = spring_errors(names, [0.2] * len(names), [0.1] * len(names))
+    layout = Layout.from_unknowns(kernel, (known_bodies(case.model, errors), springs))
+    state = np.zeros(layout.size)
+    momenta = case.momenta(case.state())
+    state[LINEAR.start : LINEAR.start + 6], state[BODY] = momenta[:6], kernel.target.parameters
+
+    def moving(parameters: Array) -> tuple[Array, Swing, Array]:
+        values = state.copy()
+        values[layout.parameters] = parameters
+        along = momenta[6:][case.joints][None]
+        prediction, bodies = predict(layout, case.middle(start, exp(generic(3, 3))), layout.point(values), along)
+        assert bodies.passive is not None
+        return prediction.twist[0], bodies.passive, prediction.by_parameters[0]
+
+    def rates(parameters: Array) -> Array:
+        twist, passive, _ = moving(parameters)
+        return np.concatenate((twist, passive.slope[0]))
+
+    here = state[layout.parameters]
+    _, passive, of_twist = moving(here)
+    assert_derivative(np.concatenate((of_twist, passive.by_parameters[0])), rates, here)
 
 
 def test_the_momenta_do_not_depend_on_the_axes() -> None:
