@@ -16,6 +16,7 @@ from scipy.stats import chi2
 import recorded
 from benchmarks.precapture import BARE_LINK7, free_model, free_urdf
 from checked import answer, central_difference, generic, same, some
+from mbaid_ros.core import capture as module
 from mbaid_ros.core.capture import _REMEMBERED, BEFORE, DISTURBED, CaptureEstimator, Chaser, KnownMomentum
 from mbaid_ros.core.geometry import Array, cross, exp
 from mbaid_ros.core.odometry.model import odometry_mount
@@ -472,6 +473,63 @@ def test_what_a_body_brought_is_its_velocity_and_its_spin_about_its_centre() -> 
     assert np.isnan(made._motion(momentum, None)).all()
     made._target_pose = None
     assert np.isnan(made._motion(momentum, body)).all()
+
+
+@pytest.mark.parametrize('count', [1, 2, 3, 4])
+def test_a_body_is_held_as_its_poses_in_three_seconds_after_it_has_settled_show(
+    count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However many windows there are by then: their poses end with them, or after three seconds."""
+    made: Any = announced()
+    made._settling, made._at_capture = 2.0, 'a sample'
+    chaser_before = Chaser(np.zeros(6), np.eye(6), 1.0, 9)
+    made._known = SimpleNamespace(chaser=lambda: chaser_before, windows=['a window'], columns=None)
+    asked = list[tuple[Any, ...]]()
+
+    def frame_in_hand(_kernel: object, windows: list[Samples], *others: object) -> str:
+        asked.append(([float(each.time[0]) for each in windows], *others))
+        return 'a frame'
+
+    flight = SimpleNamespace(noise='noise of poses')
+    made._track = SimpleNamespace(flight=lambda *_: (flight, ()), frame=None, frame_in_hand=frame_in_hand)
+    tracked = SimpleNamespace(distance_from_robot=(0.0, 0.0))
+    monkeypatch.setattr(module, 'TargetAtCapture', lambda *_, frame, **__: tracked if frame == 'a frame' else None)
+    made._make_tracked = lambda given: given
+    window = pieces()[0]
+    within = np.linspace(0.0, 1.1, len(window.time))
+    later = [replace(window, time=BEGIN + 2.0 + 1.2 * place + within) for place in range(count)]
+    made._begin(later, 5)
+    ((starts, origin, part, noise),) = asked
+    assert starts == pytest.approx([BEGIN + each for each in (2.0, 3.2, 4.4)[:count]])
+    assert part == pytest.approx((BEGIN + 2.0, BEGIN + min(1.9 + 1.2 * count, 5.0)))
+    assert (origin, noise, made._method) == (5, 'noise of poses', tracked)
+
+
+@pytest.mark.parametrize('without', ['windows before it', 'an undisturbed estimate', ''])
+def test_what_a_body_brought_is_the_difference_of_two_momenta_each_of_which_may_lack(without: str) -> None:
+    """Less what thrusters gave; as uncertain as both, the robot's by its residuals of twice the noise."""
+    made: Any = announced()
+    momentum, impulse, of_robot = (10.0 * generic(seed, 6) for seed in range(3))
+    covariances = 1e-4 * np.diag(np.arange(1.0, 7.0)), 1e-4 * np.diag(np.arange(2.0, 14.0, 2.0))
+    robot_alone = Chaser(of_robot, covariances[1], 2.0, 9)
+    made._latest = BEGIN
+    made._known = SimpleNamespace(chaser=lambda: None if without.startswith('windows') else robot_alone)
+    last = Estimate('trajectory', 'converged', 11.0, momentum=momentum, impulse=impulse)
+    last = replace(last, momentum_covariance=covariances[0], target_misfit=(7.0, 6))
+    if without.startswith('an'):
+        last = replace(last, events=(Event(0.0, 'ramp', np.ones(3), np.zeros(3), 'a push'),))
+    for each in (replace(last, time=10.0, target_misfit=(1.0, 1)), last):
+        made._remember(each)
+    found = some(made.capture(None))
+    assert found.time == BEGIN
+    assert found.chaser == made._known.chaser()
+    if without:
+        assert np.isnan(found.momentum).all()
+        assert np.isnan(found.covariance).all()
+    else:
+        assert found.momentum == pytest.approx(momentum - impulse - of_robot)
+        assert found.covariance == pytest.approx(covariances[0] + 4.0 * covariances[1])
+        assert found.misfit == (7.0, 6)
 
 
 @pytest.mark.parametrize(('since', 'kept'), [(0.5, 0.0), (0.0, 0.0), (-0.5, None), (np.inf, 0.0)])
