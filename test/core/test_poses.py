@@ -33,6 +33,7 @@ from mbaid_ros.core.poses import (
     pose_check,
     pose_drift,
     pose_errors,
+    pose_sensors,
     pose_wander,
 )
 from mbaid_ros.core.poses import _between as between
@@ -548,6 +549,8 @@ def test_a_drift_moves_a_pose_as_a_world_that_turns_and_moves_does() -> None:
     assert_derivative(columns, read, np.zeros(6))
     part = pose_drift('mocap', 'orientation', 1e-5)
     assert part.causes == (f'{TURNING}:mocap',) * 3
+    moving = pose_drift('mocap', 'position', 1e-5, 1e-6)
+    assert moving.factor @ moving.factor.T == pytest.approx(np.diag([0.0] * 3 + [1e-12] * 3), rel=1e-9)
     assert np.array_equal(some(part.measured('poses.mocap', cast('Motion', motion)))[0], columns[:3])
     assert part.measured('poses.camera', cast('Motion', motion)) is None
 
@@ -630,3 +633,23 @@ def test_correlated_errors_are_those_of_their_sensor_alone(measures: str, rows: 
     assert np.count_nonzero(unknown.factor) == unknown.count == len(sizes)
     assert unknown.time_constants.tolist() == [5.0] * len(sizes)
     assert pose_wander('mocap', replace(config, correlation_time=0.0)).count == 0
+
+
+def test_each_sensor_has_columns_and_a_frame_of_its_own_and_one_alone_defines_the_world() -> None:
+    """Positions alone do not tell how a world is turned: only that of the first sensor is as it is."""
+    parameters: dict[str, object] = {
+        'poses.names': ['a', 'b', 'c'],
+        'poses.alone': True,
+        'poses.a.measures': 'position',
+    }
+    for name in 'abc':
+        parameters[f'poses.{name}.marker.position'] = [0.1, 0.2, 0.3]
+    config = build(EstimatorConfig, parameters | {'poses.c.frame': 'link5'}).poses
+    sensors = pose_sensors(config, robot(ROBOT), '')
+    columns = [np.arange(200)[each.columns].tolist() for each in sensors]
+    assert [len(each) for each in columns] == [50] * 3
+    assert [column for each in columns for column in each] == [*range(150)]
+    assert [each.name for each in sensors] == ['poses.a', 'poses.b', 'poses.c']
+    assert [np.flatnonzero(each.moved_by).tolist() for each in sensors] == [[], [], [0, 1, 2, 3, 4]]
+    # Poses are turned into those of the link as they are read; a position alone cannot be.
+    assert [each.lever.tolist() for each in sensors] == [[0.1, 0.2, 0.3], [0.0] * 3, [0.0] * 3]

@@ -16,7 +16,7 @@ from mbaid_ros.config.estimator_parameters import EstimatorConfig
 from mbaid_ros.core.clocks import clock_drift, time_offset
 from mbaid_ros.core.contracts import Motion, Unknown, deviation_text
 from mbaid_ros.core.filter.linearise import WindowModel
-from mbaid_ros.core.geometry import Array, crossed, exp, rotate, rotate_back
+from mbaid_ros.core.geometry import Array, crossed, exp, log, rotate, rotate_back
 from mbaid_ros.core.gyro import IMU, GyroErrors, angular_momentum, gyro, gyro_sensor
 from mbaid_ros.core.joints.model import joint_lags, joint_placements
 from mbaid_ros.core.odometry.model import (
@@ -38,7 +38,7 @@ from mbaid_ros.core.odometry.model import (
     vibration,
 )
 from mbaid_ros.core.odometry.stream import _blended
-from mbaid_ros.core.poses import PoseCollector, PoseSensor
+from mbaid_ros.core.poses import NamedPoseConfig, PoseCollector, PoseSensor, pose_errors
 from mbaid_ros.core.robot.model import Kinematics, express
 from mbaid_ros.core.robot.momentum import MomentumKernel
 from mbaid_ros.core.samples import BaseStream, Samples
@@ -373,9 +373,12 @@ def test_the_bias_of_a_twist_is_six_numbers_of_two_kinds() -> None:
 
 
 def on_the_arm(
-    kernel: MomentumKernel, exact: Samples, start: Array, unknown: Unknown
+    kernel: MomentumKernel, exact: Samples, start: Array, unknown: Unknown, late: float = 0.0
 ) -> Callable[[Array, Array], Array]:
-    """Return the residuals of a gyro's and poses' readings of a link, linearised at values, others in the state."""
+    """Return the residuals of a gyro's and poses' readings of a link, linearised at values, others in the state.
+
+    Where the poses are `late`, s, those are of one sensor alone.
+    """
     link = kernel.model.link(LINK)
     path = Kinematics(kernel.model).ancestors[link.body]
     lever = np.array([0.1, -0.2, 0.3])
@@ -384,16 +387,21 @@ def on_the_arm(
         PoseSensor(CAMERA, 'both', slice(0, 50), link=link, moved_by=path),
         PoseSensor(CAMERA, 'position', slice(50, 100), lever, link=link, moved_by=path),
     )
-    layout = replace(Layout.from_unknowns(kernel, (unknown,)), sensors=sensors)
+    layout = replace(Layout.from_unknowns(kernel, (unknown,)), sensors=sensors[1:2] if late else sensors)
     turned, away = kernel.kinematics.configure(exact.base_rotation, exact.joint_position).link_pose(link)
+    turn = CubicSpline(exact.time, log(turned[0].T @ turned))
+
+    def before(time: Array) -> Array:
+        return turned[0] @ exp(turn(time))
+
     stamp = np.round(1e9 * exact.time).astype(np.int64)
     parts = []
     for point in (np.zeros(3), lever):
         collector = PoseCollector(10**9, 'both', same_world=True)
-        place = exact.base_position + away + rotate(turned, point)
+        place = CubicSpline(exact.time, exact.base_position + away + rotate(turned, point))(exact.time - late)
         unknown_rates = np.full((len(stamp), 3), np.nan)
         poses = np.tile(1e-8 * np.eye(6), (len(stamp), 1, 1))
-        collector.push(BaseStream(stamp, place, turned, unknown_rates, unknown_rates, poses, poses))
+        collector.push(BaseStream(stamp, place, before(exact.time - late), unknown_rates, unknown_rates, poses, poses))
         parts.append(collector.columns(exact, stamp))
     read = replace(measured(kernel, exact, np.zeros(13), LINK), readings=np.concatenate(parts, axis=1))
     window = window_of(read, SPACING)
@@ -423,6 +431,21 @@ def test_sensors_on_a_link_are_off_by_errors_of_joints_as_the_columns_say(
         off = left(nothing, value)
         assert np.abs(off).min() > 1e-9
         assert left(value, value) == pytest.approx(off, abs=part * np.abs(off).max())
+
+
+def test_poses_of_a_link_that_are_late_are_those_of_where_it_has_been(
+    servicer7: MomentumKernel, exact: Samples, start: Array
+) -> None:
+    """Joints and base have moved it: the delay takes both back."""
+    delay, config = (
+        0.01,
+        NamedPoseConfig(time_offset_std=1.0, mount_orientation_std=0.0, mount_position_std=0.0, scale_std=0.0),
+    )
+    unknown = pose_errors('camera', config, same_world=True)
+    assert unknown.causes == ('pose delay:camera',)
+    left = on_the_arm(servicer7, exact, start, unknown, delay)
+    off = left(np.zeros(1), np.zeros(1))
+    assert left(np.zeros(1), np.array([delay])) == pytest.approx(np.zeros(6), abs=0.05 * float(np.abs(off).max()))
 
 
 @pytest.mark.parametrize('same', [False, True])
