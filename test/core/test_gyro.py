@@ -14,10 +14,15 @@ from mbaid_ros.core.contracts import Motion
 from mbaid_ros.core.geometry import Array, cross, exp, log, rotate
 from mbaid_ros.core.gyro import (
     DRIFT,
+    IMU_FRAME,
+    IMU_NOT_FINITE,
+    IMU_NOT_REAL,
+    IMU_WITHOUT_RATE,
     SATURATED,
     DeadReckoning,
     GyroErrors,
     ImuConfig,
+    ImuReader,
     RateIntegrator,
     _preintegrated,
     declared_gyro,
@@ -26,6 +31,7 @@ from mbaid_ros.core.gyro import (
     gyro_check,
     gyro_sensor,
     gyro_sensors,
+    imu_reader,
 )
 from mbaid_ros.core.joints.stream import JointMerge
 from mbaid_ros.core.odometry.model import parabolic_weights
@@ -92,7 +98,7 @@ def test_nothing_is_known_in_a_gap_nor_across_one() -> None:
 def test_readings_at_the_end_of_the_range_are_not_used() -> None:
     times = np.arange(0.0, 500.0, 5.0)
     rate = even(times)
-    rate[50] = 2.0
+    rate[50] = 2.0 * (1.0 - 1e-7)  # as a number of four bytes may have it
     gyro = RateIntegrator(GAP, largest=2.0)
     gyro.push(stream(times, rate))
     assert gyro.dropped == {SATURATED: 1}
@@ -405,3 +411,40 @@ def test_scales_of_a_gyro_that_may_be_askew_count_about_any_axes() -> None:
             assert np.linalg.eigvalsh(left).min() > -1e-12
             # A quarter turn only exchanges the axes.
             assert (np.abs(left).max() < 1e-12) == (askew is links[-1])
+
+
+def test_messages_of_an_imu_that_cannot_be_used_are_counted_by_their_cause() -> None:
+    axes = {'one': exp(generic(1, 3)), 'other': exp(generic(2, 3))}
+    rates = generic(3, 33).reshape(11, 3)
+    rates[1, 1], rates[2, 0], rates[3:6, 2] = np.nan, np.inf, 1e9
+    frames = ['one'] * 8 + ['other', 'none', 'none']
+    messages = [
+        SimpleNamespace(
+            header=SimpleNamespace(frame_id=frame, stamp=SimpleNamespace(sec=3, nanosec=place)),
+            angular_velocity=SimpleNamespace(**dict(zip('xyz', rate, strict=True))),
+            angular_velocity_covariance=[-1.0 if place == 7 else 0.0, *[0.0] * 8],
+        )
+        for place, (frame, rate) in enumerate(zip(frames, rates, strict=True))
+    ]
+    reader = ImuReader(axes, '')
+    found, dropped = reader.read(messages)
+    assert dropped == {IMU_NOT_FINITE: 2, IMU_NOT_REAL: 3, IMU_WITHOUT_RATE: 1, IMU_FRAME: 2}
+    assert reader.other_frame == 'none'
+    kept = some(found)
+    assert kept.stamp.tolist() == [3 * 10**9 + place for place in (0, 6, 8)]
+    expected = [axes[frames[place]] @ rates[place] for place in (0, 6, 8)]
+    assert kept.angular_velocity == pytest.approx(np.array(expected))
+
+
+def test_messages_may_be_in_the_frame_of_any_link_of_the_base_by_its_prefixed_name() -> None:
+    (sensor,) = gyro_sensors({'imu': ImuConfig(noise_density=1e-4)}, SERVICER, '')
+    message = SimpleNamespace(
+        header=SimpleNamespace(frame_id='first/base_link', stamp=SimpleNamespace(sec=3, nanosec=0)),
+        angular_velocity=SimpleNamespace(x=0.1, y=-0.2, z=0.3),
+        angular_velocity_covariance=[0.0] * 9,
+    )
+    read = {
+        prefix: imu_reader(ImuConfig(), sensor, SERVICER, prefix, 0.0).read([message])[0] for prefix in ('first/', '')
+    }
+    assert some(read['first/']).angular_velocity.tolist() == [[0.1, -0.2, 0.3]]
+    assert read[''] is None
