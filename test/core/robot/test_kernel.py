@@ -76,6 +76,29 @@ def test_a_slice_of_states_is_of_all_that_belongs_to_them() -> None:
     assert states.hinge_velocity == pytest.approx(states.twist[:, :3] + np.cross(states.twist[:, 3:], states.position))
 
 
+@pytest.mark.parametrize('thrusters', [0, 2])
+@pytest.mark.parametrize('orbit', [False, True])
+def test_impulses_of_thrusters_and_of_an_orbit_are_about_the_base_with_or_without_each_other(
+    thrusters: int, *, orbit: bool
+) -> None:
+    made = kernel('table1')
+    bodies, (rotation,), place, nothing = len(made.known), exp(generic(1, 1, 3)), generic(2, 2, 3), np.zeros((2, 3))
+    joints, covariance = generic(3, 2, made.model.joints), np.zeros((2, 6, 6))
+    thrust = generic(4, 120).reshape(2, 2, 6, 5)[:, :thrusters]
+    gravity = generic(5, 120 * bodies).reshape(2, bodies, 6, 10)[:, : bodies * orbit]
+    samples = Samples(
+        *(0.1 * np.arange(2), joints, joints, place, np.tile(rotation, (2, 1, 1)), nothing, nothing),
+        *(covariance, covariance),
+        gravity_columns=gravity.reshape(2, 60 * bodies * orbit),
+        thrust=thrust.reshape(2, 30 * thrusters),
+    )
+    states = made.states(samples)
+    for found, given in ((states.thrust, thrust), (states.gravity_columns, gravity)):
+        expected = given.copy()
+        expected[..., 3:, :] -= np.cross(place[:, None, :, None], given[..., :3, :], axis=2)
+        assert found.reshape(expected.shape) == pytest.approx(expected)
+
+
 def test_another_unknown_link_leaves_the_one_before_as_described() -> None:
     made = kernel('servicer7')
     other = made.with_unknown_link('link3')

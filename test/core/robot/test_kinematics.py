@@ -229,6 +229,30 @@ def test_turning_out_of_the_plane_is_spatial_for_good(axis: Array) -> None:
     assert np.array_equal(detector.equation_selection(), np.eye(6))
 
 
+@pytest.mark.parametrize(
+    ('inside', 'outside', 'pushed', 'planar'),
+    [
+        (2.0, 0.20, 0.0, True),
+        (2.0, 0.22, 0.0, False),
+        (0.0, 0.009, 0.0, True),
+        (0.0, 0.011, 0.0, False),
+        (2.0, 0.0, 0.011, False),
+    ],
+)
+def test_a_body_without_joints_leaves_the_plane_by_a_tenth_of_its_motion_and_a_centimetre(
+    inside: float, outside: float, pushed: float, planar: bool
+) -> None:
+    detector = PlaneDetector(arm([], []))
+    still = replace(turning_about(Z), base_position=np.tile([3.0, 4.0, 5.0], (25, 1)))
+    detector.update(still)
+    assert detector.planar
+    along = np.linspace(0.0, 1.0, 25)[:, None] * np.array([-0.6 * inside, 0.8 * inside, -outside])
+    impulse = np.zeros((25, 6))
+    impulse[-1, 2] = pushed
+    detector.update(replace(still, base_position=still.base_position + along, impulse=impulse))
+    assert detector.planar is planar
+
+
 @pytest.mark.parametrize(('tilt', 'planar'), [(1.0, True), (3.0, False), (10.0, False)])
 def test_a_plane_is_left_by_a_tilt_beyond_the_noise_of_a_windows_mean(tilt: float, planar: bool) -> None:
     """By standard deviations of one sample: of fifty a limit of 6 sqrt(2) sqrt(3 / 50) of them."""
