@@ -98,6 +98,19 @@ def test_the_last_link_is_the_furthest_with_a_mass(name: str, last: str) -> None
     assert load_model(urdf).last_link == last
 
 
+def test_the_last_link_is_behind_most_joints_whichever_branch_comes_last() -> None:
+    body = '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    tree = {'upper': 'base', 'lower': 'upper', 'hand': 'lower', 'wing': 'base', 'flap': 'wing'}
+    links = ''.join(f'<link name="{name}">{body}</link>' for name in ('base', *tree))
+    joints = ''.join(
+        f'<joint name="to_{child}" type="continuous"><parent link="{parent}"/><child link="{child}"/></joint>'
+        for child, parent in tree.items()
+    )
+    model = load_model(f'<robot name="r">{links}{joints}</robot>')
+    assert model.links[-1].name != 'hand'
+    assert model.last_link == 'hand'
+
+
 @pytest.mark.parametrize(
     ('before', 'after', 'reported'),
     [

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
 
+from mbaid_ros import limits
 from mbaid_ros.core.geometry import Array, vec
 from mbaid_ros.core.robot.body import physical
 from mbaid_ros.core.robot.model import load_model, parse
@@ -190,10 +192,11 @@ def test_a_link_of_mass_zero_is_a_frame() -> None:
     assert [inertia.mass for inertia in parse(load_model(massless)).inertias][1:] == [2.0, 0.0]
 
 
+@pytest.mark.parametrize('mass', ['', INERTIAL.replace('value="2"', 'value="0.0"')])
 @pytest.mark.parametrize('kind', ['fixed', 'floating', 'planar'])
-def test_the_ground_is_left_out_and_named(kind: str) -> None:
+def test_the_ground_is_left_out_and_named(kind: str, mass: str) -> None:
     arm = (link('base'), link('arm'), joint('elbow', 'base', 'arm'))
-    urdf = robot(link('world', ''), joint('anchor', 'world', 'base', kind), *arm)
+    urdf = robot(link('world', mass), joint('anchor', 'world', 'base', kind), *arm)
     model = load_model(urdf)
     assert model.base_link == 'base'
     assert model.joint_names == ('elbow',)
@@ -246,6 +249,15 @@ def test_robots_of_too_many_joints_are_refused() -> None:
     with pytest.raises(ModelError, match='has 999 joints that move; at most 300 are accepted'):
         load_model(chain(999))
     assert load_model(chain(5)).joints == 5
+
+
+def test_robots_of_too_many_elements_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    elements = len([*ET.fromstring(chain(5)).iter()])
+    monkeypatch.setattr(limits, 'URDF_ELEMENTS', elements)
+    assert load_model(chain(5)).joints == 5
+    monkeypatch.setattr(limits, 'URDF_ELEMENTS', elements - 1)
+    with pytest.raises(ModelError, match=f'has more than {elements - 1} elements'):
+        load_model(chain(5))
 
 
 # -- Identified and calibrated values go into the robot description, and nothing else changes.
