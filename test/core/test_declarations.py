@@ -265,7 +265,7 @@ def layout_of_springs() -> Any:
         (-3.1, 0.1, True, ['boom would swing at 0.233 Hz, 3.1 standard deviations from flexible.boom.frequency']),
         (-3.1, 0.1, False, []),
         (0.0, 2.9, True, []),
-        (0.0, 3.2, True, ['boom would swing by 3.2 rad (m), beyond its limits in the URDF, -3.14 to 3']),
+        (0.0, 3.1, True, ['boom would swing by 3.1 rad (m), beyond its limits in the URDF, -3.14 to 3']),
     ],
 )
 def test_a_passive_joint_contradicts_its_declaration_by_its_frequency_or_its_limits(

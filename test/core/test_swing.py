@@ -10,6 +10,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from benchmarks.appendages import PANELS, SLOSH, with_fuel, with_panel_on_the_target, with_panels
+from checked import generic
 from mbaid_ros.core import swing
 from mbaid_ros.core.contracts import in_stacks, stacked
 from mbaid_ros.core.filter.linearise import predict
@@ -171,6 +172,26 @@ def test_a_stiff_joint_that_is_pushed_slowly_stays_in_equilibrium() -> None:
     deflections = np.column_stack((1.0 + time / 60.0, np.full(len(time), 1.0 / 60.0)))
     found = (onward @ deflections[:-1, :, None] + gain)[..., 0]
     assert found == pytest.approx(deflections[1:], abs=1e-8)
+
+
+@pytest.mark.parametrize('stop', [5, 6])  # where knots follow, or none yet
+def test_a_window_ends_half_an_interval_after_its_last_midpoint(stop: int) -> None:
+    slopes, first = generic(1, 2, 3), generic(2, 2, 3)
+    values = first + np.arange(6)[:, None, None] * slopes
+    assert swing._at_the_end(values, slice(1, stop)) == pytest.approx(first + (stop - 0.5) * slopes)
+
+
+def test_the_nearest_point_is_that_of_the_nearest_mass_and_unknowns() -> None:
+    """The mass counts by its ratio, unknowns by their priors; a body far away may have the same."""
+    numbers = np.concatenate((generic(1, 6), [20.0], generic(2, 12)))
+
+    def far(place: int, change: float) -> float:
+        points: list[Any] = [SimpleNamespace(parameters=numbers + each * np.eye(19)[place]) for each in (0.0, change)]
+        return swing._distance(*points)
+
+    assert far(6, 3.0) == pytest.approx(0.15**2)
+    assert far(17, -0.3) == pytest.approx(0.3**2)
+    assert far(2, 5.0) == 0.0
 
 
 def test_only_a_grasp_that_gives_keeps_its_declaration() -> None:

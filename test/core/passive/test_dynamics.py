@@ -144,16 +144,19 @@ def test_derivatives_by_the_state(seed: int) -> None:
         assert found.by_state[0][:, place] == pytest.approx(expected, rel=1e-5, abs=1e-6 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize('seed', SEEDS[:3])
 def test_derivatives_by_the_parameters(seed: int) -> None:
-    """Momentum, target, known bodies on either side of the passive joints, and their springs after these."""
+    """Momentum, target, the base and other bodies on either side of the passive joints, and their springs last."""
     case = Case(seed)
     start, kernel = replace(case.state(), base_position=generic(1, 3)), case.kernel
-    others = tuple(body for body in range(case.model.joints + 1) if kernel.known[body, 0] > 0.0)
-    errors = KnownErrors(others, 0.1 * generic(2, 40 * len(others)).reshape(-1, 4))
+    others = tuple(body for body in range(1, case.model.joints + 1) if kernel.known[body, 0] > 0.0)
+    bodies = [
+        known_bodies(case.model, KnownErrors(some, 0.1 * generic(2, 30 * len(some)).reshape(-1, 3)))
+        for some in ((0,), others)
+    ]
     names = [case.model.joint_names[joint] for joint in case.joints]
     springs = spring_errors(names, [0.2] * len(names), [0.1] * len(names))
-    layout = Layout.from_unknowns(kernel, (known_bodies(case.model, errors), springs))
+    layout = Layout.from_unknowns(kernel, (*bodies, springs))
     state = np.zeros(layout.size)
     momenta = case.momenta(case.state())
     state[LINEAR.start : LINEAR.start + 6], state[BODY] = momenta[:6], kernel.target.parameters
