@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.integrate import DOP853, solve_ivp
 from scipy.linalg import expm
+from scipy.signal import lfilter
 from scipy.stats import chi2
 
 from checked import central_difference, generic
+from mbaid_ros.core import free_flight as module
 from mbaid_ros.core.free_flight import (
     LEVER,
     FreeFlight,
     PoseNoise,
     Track,
+    _estimated,
     _first_guess,
     _held,
     _linearised,
@@ -275,6 +279,27 @@ def test_residuals_are_whitened_by_their_noise_and_their_correlation(time: float
     assert np.std(white, axis=(1, 2)) == pytest.approx(np.ones(2), rel=0.03)
     assert np.mean(white[:, 1:] * white[:, :-1], axis=(1, 2)) == pytest.approx(np.zeros(2), abs=0.03)
     assert white[:, 0] == pytest.approx(values[:, 0] / np.array([[0.01], [0.3]]))
+
+
+@pytest.mark.parametrize('times', [(2.0, 0.0), (0.0, 1.0)])  # s, 0 for white noise
+def test_noise_and_its_correlation_are_those_of_the_residuals_where_none_is_declared(
+    times: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of stationary series whose correlation falls to 1 / e in a time."""
+    count, step = 4000, 0.2
+    values = np.random.default_rng(6).standard_normal((2, count, 3))
+    for series, kept in zip(values, (np.exp(-step / time) if time else 0.0 for time in times), strict=True):
+        series[1:] *= np.sqrt(1.0 - kept**2)
+        series[:] = lfilter([1.0], [1.0, -kept], series, axis=0)
+    values *= np.array([0.01, 0.002])[:, None, None]
+    monkeypatch.setattr(module, '_linearised', lambda *_: (values, None))
+    flight: Any = None
+    track = Track(step * np.arange(count), values[0], np.tile(np.eye(3), (count, 1, 1)))
+    found = _estimated(flight, track, PoseNoise(0.0, 0.0))
+    assert (found.position, found.orientation) == pytest.approx((0.01, 0.002), rel=0.1)
+    assert found.correlation_times == pytest.approx(times, rel=0.2)
+    declared = PoseNoise(0.3, 0.4, (5.0, 6.0))
+    assert _estimated(flight, track, declared) == declared
 
 
 def test_the_first_guess_is_a_sphere_that_turns_as_the_last_poses_do() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -130,6 +131,9 @@ def test_what_is_seen_moves_as_its_twist_says(frame: Turning, eccentricity: floa
     )
     falling = FallingFrame(around, robot('ets7'), relative_twist=True, epoch=EPOCH)
     found = tuple(falling.to_falling_frame(part) for part in (before, now, after))
+    stamps: Any = now.stamp
+    assert falling.turned(stamps) @ now.rotation == pytest.approx(found[1].rotation)
+    assert falling.gradient(stamps) == pytest.approx(around.gradient(time), abs=1e-12)
     # The noise turns along: that of the pose is in the axes of the frame, that of the twist in the base's.
     turn = around.to_inertial(time)
     assert found[1].pose_covariance[:, :3, 3:] == pytest.approx(
