@@ -28,10 +28,11 @@ from mbaid_ros.core.free_flight import (
     _whitened,
     free_fall,
     free_flight,
+    gravity_torque,
     inertia_of,
     tumbled,
 )
-from mbaid_ros.core.geometry import Array, exp, log, unvec
+from mbaid_ros.core.geometry import Array, exp, log, skew, unvec
 from mbaid_ros.core.orbit import Orbit
 from mbaid_ros.simulation.changes import Target
 from mbaid_ros.simulation.tumbling import FreeMotion
@@ -253,6 +254,15 @@ def test_the_fall_is_that_of_an_exponential() -> None:
     for index, each in enumerate(time):
         expected = expm(each * matrix)[:3]
         assert np.hstack((by_place[index], by_speed[index])) == pytest.approx(expected, rel=2e-6, abs=1e-6)
+
+
+def test_the_torque_of_gravity_is_that_on_all_point_masses() -> None:
+    pull = generic(1, 3, 3) + generic(1, 3, 3).T
+    rotation, masses, points = exp(generic(2, 3)), np.abs(generic(3, 5)), generic(4, 15).reshape(5, 3)
+    inertia = np.einsum('k,kij->ij', masses, -(skew(points) @ skew(points)))
+    placed = points @ rotation.T
+    torque = np.sum(masses[:, None] * np.cross(placed, placed @ pull), axis=0)
+    assert gravity_torque(pull, rotation, inertia) == pytest.approx(rotation.T @ torque)
 
 
 def test_noise_is_found_by_differences_of_neighbouring_poses() -> None:

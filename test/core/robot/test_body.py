@@ -123,6 +123,28 @@ def test_in_the_plane_mass_and_moment_become_positive(plane: Plane, moment: floa
         assert found[4] > 0.0
 
 
+@pytest.mark.parametrize('seed', range(4))
+def test_the_projection_in_a_plane_is_the_nearest_of_all_real_bodies(seed: int) -> None:
+    """The slope there is positive along all point masses and moments, of which bodies are sums, and zero along it."""
+    plane, rng = PLANES[list(PLANES)[seed % len(PLANES)]], np.random.default_rng(seed)
+    root = np.diag([10.0, 5.0, 5.0, 8.0]) @ rng.normal(size=(4, 4))
+    estimate = np.array([40.0, 30.0, -25.0, 3.0])  # too small a moment for a mass so far away
+    covariance = plane.basis @ root @ root.T @ plane.basis.T + 1e8 * (np.eye(10) - plane.basis @ plane.basis.T)
+    body, far = project_planar(plane.basis @ estimate, covariance, SCALE, plane)
+    about = float(np.linalg.norm(vec(plane.normal[:, None] * plane.normal)))
+    moment = float(plane.normal @ unvec(body[4:]) @ plane.normal)
+    found = np.array([body[0], *(plane.axes @ body[1:4]), about * moment])
+    off = np.linalg.solve(root, found - estimate)
+    assert far == pytest.approx(float(np.linalg.norm(off)), rel=1e-6)
+    slope = np.linalg.solve(root.T, off)
+    places = 3.0 * rng.normal(size=(500, 2))
+    masses = np.column_stack((np.ones(500), places, about * np.sum(places**2, axis=1)))
+    size = float(np.linalg.norm(slope))
+    assert np.min(masses @ slope) > -1e-4 * size
+    assert slope[3] > 0.0
+    assert abs(slope @ found) < 1e-4 + 1e-5 * far**2
+
+
 LINK = standard(np.array([35.0, 0.2, -0.1, 0.3, 2.0, 0.1, -0.2, 3.0, 0.15, 2.5]))
 BODY = np.array([155.0, 0.9, 0.2, -0.4, 40.0, 3.0, -2.0, 55.0, 4.0, 60.0])
 
