@@ -210,7 +210,8 @@ def test_the_largest_deflection_outlasts_the_windows_that_are_kept(monkeypatch: 
     course, largest = SwingTrajectory(case.layout, predict), 0.0
     point = case.point(case.state[case.layout.parameters])
     for place in range(30):
-        columns = np.full((12, 1, 4, 3), 0.2 if place == 2 else 0.001)
+        columns = np.full((12, 1, 4, 3), 0.5)  # derivatives, and rates of s
+        columns[..., :2, 0] = 0.2 if place == 2 else 0.001
         whole: Any = SimpleNamespace(inside=slice(0, 10), intervals=12, ends=(place,))
         course._remember(whole, columns, point)
         window: Any = SimpleNamespace(start=0.5 * place, length=0.5)

@@ -11,13 +11,14 @@ import pytest
 from checked import assert_derivative, generic
 from mbaid_ros.core.filter.linearise import predict
 from mbaid_ros.core.geometry import Array, exp
+from mbaid_ros.core.joints.model import joint_gains
 from mbaid_ros.core.links import known_bodies
 from mbaid_ros.core.passive import spring_errors
 from mbaid_ros.core.robot.model import load_model, parse
 from mbaid_ros.core.robot.momentum import KnownErrors, MomentumKernel, Springs
 from mbaid_ros.core.state import BODY, LINEAR, Layout, Point
 from mbaid_ros.core.swing import spring_constants
-from mbaid_ros.core.windows import Midpoints, Swing
+from mbaid_ros.core.windows import Bodies, Midpoints, Prediction, Swing
 from mbaid_ros.simulation import environment as simulated
 from mbaid_ros.simulation.dynamics import Dynamics, State
 from mbaid_ros.simulation.environment import Environment
@@ -176,6 +177,25 @@ def test_derivatives_by_the_parameters(seed: int) -> None:
     here = state[layout.parameters]
     _, passive, of_twist = moving(here)
     assert_derivative(np.concatenate((of_twist, passive.by_parameters[0])), rates, here)
+
+
+@pytest.mark.parametrize('seed', SEEDS[:3])
+def test_the_twist_depends_on_the_rates_of_other_joints_as_their_gains_say(seed: int) -> None:
+    """While the momenta along the passive joints stay: these follow."""
+    case = Case(seed)
+    start, along = case.state(), case.momenta(case.state())[6:][case.joints]
+    others = [joint for joint in range(case.model.joints) if joint not in case.joints]
+    momentum = case.momenta(start)[:6]
+
+    def predicted(rates: Array) -> tuple[Prediction, Bodies]:
+        velocity = start.velocity.copy()
+        velocity[6 + np.array(others)] = rates
+        middle = case.middle(replace(start, velocity=velocity), np.eye(3))
+        return predict(case.layout, middle, case.point(momentum), along[None])
+
+    here = case.rate[others]
+    by_rate, _ = joint_gains(case.kernel, predicted(here)[1])
+    assert_derivative(by_rate[0][:, others], lambda rates: predicted(rates)[0].twist[0], here)
 
 
 def test_the_momenta_do_not_depend_on_the_axes() -> None:
