@@ -342,3 +342,14 @@ def test_the_orbit_of_a_gradient_is_found_and_none_of_any_other_disturbance() ->
         np.cross(found.normal, found.zenith), abs=1e-3
     )
     assert likeliest_orbit(factor, -mean, root @ root.T) is None  # masses push instead of pull
+
+
+def test_the_rate_of_an_orbit_is_that_of_the_best_known_numbers() -> None:
+    """How the gradient changes is known here, and the gradient itself is 0.3 deviations off and hardly known."""
+    true, off = gradient_numbers(TILTED) / 1e-4, 0.3 * np.repeat([1.0, 0.0], 5) * generic(3, 10)
+    variance = np.repeat([0.3, 1e-3], 5) ** 2  # after the data, whose own is v / (1 - v)
+    mean = (1.0 - variance) * (true + off)
+    assert orbit_rate(1e-4 * mean) == pytest.approx(0.019, rel=1e-3)
+    found = some(likeliest_orbit(1e-4 * np.eye(10), mean, np.diag(variance)))
+    assert found.mean_motion == pytest.approx(0.02, rel=1e-3)
+    assert abs(found.normal @ TILTED.normal) == pytest.approx(1.0, abs=1e-4)
