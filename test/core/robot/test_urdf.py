@@ -192,16 +192,18 @@ def test_a_link_of_mass_zero_is_a_frame() -> None:
     assert [inertia.mass for inertia in parse(load_model(massless)).inertias][1:] == [2.0, 0.0]
 
 
-@pytest.mark.parametrize('mass', ['', INERTIAL.replace('value="2"', 'value="0.0"')])
-@pytest.mark.parametrize('kind', ['fixed', 'floating', 'planar'])
-def test_the_ground_is_left_out_and_named(kind: str, mass: str) -> None:
+@pytest.mark.parametrize('kind', ['fixed', 'floating', 'planar', 'planar floor'])
+def test_the_ground_is_left_out_and_named(kind: str) -> None:
+    kind, _, name = kind.partition(' ')
+    ground = name or 'world'  # of any name where it has no mass
     arm = (link('base'), link('arm'), joint('elbow', 'base', 'arm'))
-    urdf = robot(link('world', mass), joint('anchor', 'world', 'base', kind), *arm)
+    inertial = INERTIAL.replace('value="2"', 'value="0.0"') if name else ''
+    urdf = robot(link(ground, inertial), joint('anchor', ground, 'base', kind), *arm)
     model = load_model(urdf)
     assert model.base_link == 'base'
     assert model.joint_names == ('elbow',)
     assert "'base' floats" in model.dropped[0]
-    assert 'world' in model.dropped[0]
+    assert ground in model.dropped[0]
     assert np.array_equal(model.body_parameters(), load_model(robot(*arm)).body_parameters())
     assert model.urdf == urdf
 
