@@ -100,6 +100,7 @@ class BodyDeviations:
         inertia = np.full(6, float(physical(parameters)[[4, 7, 9]].sum()) / 3.0)
         deviation = np.concatenate(([self.mass], np.full(3, self.com), self.inertia * inertia))
         turned = np.linalg.solve(physical_jacobian(parameters), np.eye(10))
+        turned[0] = 0.0  # the mass is a number by itself: not even rounding of the others is in it
         turned[:, 0] = parameters  # a heavier body, the same otherwise
         return np.asarray((turned * deviation)[:, deviation > 0.0])
 

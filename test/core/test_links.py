@@ -8,6 +8,7 @@ import pytest
 from checked import some
 from mbaid_ros.core.contracts import Convention
 from mbaid_ros.core.links import (
+    BodyDeviations,
     KnownLinksConfig,
     impossible,
     link_deviations,
@@ -178,3 +179,15 @@ def test_an_error_of_a_mass_alone_is_named_by_its_link_and_one_of_a_centre_is_no
     assert masses(('base', 'arm', 'hand'), factor) == ('mass:base', '', '', '', 'mass:hand', '')
     factor[20, 5] = 0.04
     assert masses(('base', 'arm', 'hand'), factor) == ('mass:base', '', '', '', '', '')  # two make it out
+
+
+@pytest.mark.parametrize('mass', [0.02, 0.0])
+def test_the_mass_of_any_body_is_a_number_by_itself(mass: float) -> None:
+    """To the last bit: the numbers of centre and inertia of a body anywhere change no mass."""
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        centre, root = rng.normal(size=3), rng.normal(size=(3, 3))
+        moment = root @ root.T + 5.0 * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+        body = 5.0 * np.concatenate(([1.0], centre, moment[np.triu_indices(3)]))
+        factor = BodyDeviations(mass, 0.01, 0.03).factor(body)
+        assert masses(('arm',), factor) == (*(('mass:arm',) if mass else ()), *[''] * 9)
