@@ -28,6 +28,8 @@ from mbaid_ros.tasks import Method
 # How the calls are spread does not change the numbers; this many messages keep the arrays long and the memory short.
 _MESSAGES_AT_ONCE = 4_000
 _BROKEN = 3.0  # times longer or shorter than its stamps, from which a recording's times are wrong, not just played fast
+_UNITS = ((1e3, 'milliseconds'), (1e6, 'microseconds'))
+_LIKE = 0.2  # relative, of such a factor: sec has 31 bits, and its overflow takes some
 
 # Called now and then with the number of messages read and that of all.
 Progress = Callable[[int, int], None]
@@ -125,9 +127,12 @@ class _Intake:
         stamped = {topic: self._session.queue.span(name) for topic, name in names if topic in spans}
         for topic, lasting in stamped.items():
             if lasting > 0.0 and not 1.0 / _BROKEN < self._arrivals[topic].span / lasting < _BROKEN:
+                within = self._arrivals[topic].span
+                units = (unit for times, unit in _UNITS if within > 0.0 and abs(lasting / within / times - 1.0) < _LIKE)
+                unit = ''.join(f', as if sec were {unit}' for unit in units)
                 self.warnings.append(
-                    f'the messages on {topic} were recorded within {self._arrivals[topic].span:.3g} s, by their stamps '
-                    f'they last {lasting:.3g} s: rates are by the stamps'
+                    f'the messages on {topic} were recorded within {within:.3g} s, by their stamps they last '
+                    f'{lasting:.3g} s{unit}: rates are by the stamps'
                 )
                 spans |= stamped
         return tuple(

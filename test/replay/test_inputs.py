@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 import recorded
-from checked import answer
+from checked import answer, some
 from defects import no_twist
 from mbaid_ros.bags import BagReader, BagWriter
 from mbaid_ros.config.estimator_parameters import EstimatorConfig
@@ -80,6 +81,23 @@ def test_times_of_recording_that_were_never_filled_in_are_not_used(tmp_path: Pat
     if count < 100:
         part = result_of(bag, tmp_path, '--start', '20', '--end', '40', '--method', 'difference')
         assert part['samples'] == pytest.approx(1000, abs=3)
+
+
+@pytest.mark.parametrize(('per_second', 'unit'), [(1_000, 'milliseconds'), (1_000_000, 'microseconds'), (60, '')])
+def test_seconds_that_hold_smaller_units_are_named(
+    per_second: int, unit: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'bag'
+    with BagReader(BAG) as before, BagWriter(path) as after:
+        for topic, kind in (('/joint_states', JOINT_STATE), ('/odom', ODOMETRY)):
+            after.add_topic(topic, kind)
+        for topic, message, time in before.read(['/joint_states', '/odom']):
+            if topic == '/odom':
+                message.header.stamp.sec, message.header.stamp.nanosec = 1 + per_second * time // 10**9, 0
+            after.write(topic, message, EPOCH + time)
+    assert replay([str(path), '--model', str(ROBOT), '--method', 'difference']) in {3, 4}
+    found = re.search(r'recorded within 60 s, by their stamps they last [^:]*: rates are', capsys.readouterr().out)
+    assert some(found)[0].endswith(f' s, as if sec were {unit}: rates are' if unit else ' s: rates are')
 
 
 MODEL = str(CONFIG / 'table1.urdf')
