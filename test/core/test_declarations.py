@@ -92,11 +92,12 @@ def test_a_corrected_sample_is_of_the_bases_own_frame() -> None:
     for moved in (
         NominalModel(nominal.kernel, zeros, mount, 0.0),
         NominalModel(nominal.kernel, zeros * 0.0, mount, 0.0),
+        NominalModel(nominal.kernel, zeros, mount * 0.0, 0.0),
     ):
-        found, away = moved.corrected(samples), rotate(samples.base_rotation, mount[None, 3:])
+        found, away = moved.corrected(samples), rotate(samples.base_rotation, moved.mount[None, 3:])
         assert found.joint_position == pytest.approx(samples.joint_position + moved.zeros)
         assert found.base_position == pytest.approx(samples.base_position + away)
-        assert found.base_rotation == pytest.approx(samples.base_rotation @ exp(mount[:3]))
+        assert found.base_rotation == pytest.approx(samples.base_rotation @ exp(moved.mount[:3]))
         faster = np.cross(samples.base_angular_velocity, away)
         assert found.base_linear_velocity == pytest.approx(samples.base_linear_velocity + faster)
         assert found.base_angular_velocity is samples.base_angular_velocity
