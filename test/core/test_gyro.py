@@ -91,8 +91,9 @@ def test_nothing_is_known_in_a_gap_nor_across_one() -> None:
     # A gap between two samples: the second one is as if it were in it.
     gyro = RateIntegrator(GAP)
     gyro.push(stream(times, even(times)))
-    known = np.isfinite(gyro.integral_at_samples(at(np.array([100.0, 650.0, 700.0])))).all(axis=1)
-    assert known.tolist() == [True, False, True]
+    known = np.isfinite(gyro.integral_at_samples(at(np.array([100.0, 150.0, 650.0])))).all(axis=1)
+    assert known.tolist() == [True, True, False]
+    assert np.isfinite(gyro.integral_at_samples(at(np.array([700.0])))).all()  # after the last of those before
 
 
 def test_readings_at_the_end_of_the_range_are_not_used() -> None:

@@ -118,6 +118,11 @@ def test_a_jump_is_named_by_joint_size_and_time(step: float, pieces: int) -> Non
     assert text.startswith('the reading of joint4 jumps by ')
     assert float(text.split()[6]) == pytest.approx(abs(step), rel=0.02, abs=1.5e-3)
     assert float(text.split('at ')[1].split()[0]) == pytest.approx(4.0, abs=0.1)
+    shown = JointFaults(robot('servicer7'), list(ALL), 1e-4).add(
+        JointStream(10**18 + SPACING * np.arange(COUNT), position, np.full((COUNT, JOINTS), np.nan))
+    )
+    (since,) = {some(repair).since for _, _, _, repair in shown if some(repair).conversion}
+    assert since == pytest.approx(4.0, abs=0.1)  # of the run
     coarse = np.round(motion(5) / 1.5e-3) * 1.5e-3
     assert found(coarse, pieces).warnings == ()
     kept = np.r_[0:150, 250:COUNT]  # messages that are lost are no jump
