@@ -212,6 +212,8 @@ def test_pose_and_twist_are_those_of_the_base() -> None:
         assert getattr(back, name) == pytest.approx(getattr(stream, name), abs=1e-12), name
     assert not FRAME.is_base
     assert AttachedFrame(np.eye(3), np.zeros(3)).is_base
+    assert not AttachedFrame(FRAME.rotation, np.zeros(3)).is_base
+    assert not AttachedFrame(np.eye(3), FRAME.position).is_base
 
 
 def test_covariances_are_those_of_the_errors() -> None:

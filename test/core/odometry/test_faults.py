@@ -37,6 +37,19 @@ def test_steps_and_rates_differ_by_as_much_as_their_noise() -> None:
     assert np.mean(squares, axis=0) == pytest.approx(np.ones(6), abs=0.25)
 
 
+@pytest.mark.parametrize('of_joints', [0.0, np.nan])
+@pytest.mark.parametrize('of_base', [0.0, np.nan])
+def test_steps_are_compared_with_the_twist_if_there_is_one_whatever_the_joints_have(
+    of_joints: float, of_base: float
+) -> None:
+    count = 25
+    nothing, covariance = np.zeros((count, 3)), np.tile(np.eye(6), (count, 1, 1))
+    joints, twist = np.full((count, 1), of_joints), np.full((count, 3), of_base)
+    turns = exp(nothing)
+    samples = Samples(0.02 * np.arange(count), joints, joints, nothing, turns, twist, twist, covariance, covariance)
+    assert (_twist_motion(samples) is None) is bool(np.isnan(of_base))
+
+
 def poses(*rows: tuple[float, Array, Array]) -> BaseStream:
     """Return poses of some times, s, positions and rotation vectors."""
     time, place, turn = (np.array(each) for each in zip(*rows, strict=True))
