@@ -636,7 +636,7 @@ def test_correlated_errors_are_those_of_their_sensor_alone(measures: str, rows: 
 
 
 def test_each_sensor_has_columns_and_a_frame_of_its_own_and_one_alone_defines_the_world() -> None:
-    """Positions alone do not tell how a world is turned: only that of the first sensor is as it is."""
+    """Positions alone leave open how a world is turned: only that of the first sensor is as it is."""
     parameters: dict[str, object] = {
         'poses.names': ['a', 'b', 'c'],
         'poses.alone': True,

@@ -161,7 +161,7 @@ def test_readings_of_a_window_are_summed_by_the_halves_of_its_knots() -> None:
 
 
 def test_errors_of_a_gyro_turn_an_orientation_that_follows_it_alone() -> None:
-    """By the integral of what they add to its rate, in the axes of the odometry, up to the middle of each knot."""
+    """By the integral of their part in its rate, in the axes of the odometry, up to the middle of each knot."""
     count, spacing, rng = 12, 0.05, np.random.default_rng(4)
     rotation, angle = exp(rng.normal(size=(count, 3))), rng.normal(size=(count, 3))
     shapes = (1,), (3, 3), (3,), (6,), (), (), (6,), (0,), (0,), (0,), (5,), (36,)
