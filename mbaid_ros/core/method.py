@@ -670,24 +670,23 @@ class TwoStageEstimator:
             innovations=late.innovations,
         )
         if not self._second.settled:
-            # Where neither has numbers, the second says what it waits for.
-            waits = not early.identifiable.any() and not early.contradicted and not late.contradicted
-            alone = late if waits else self._first_stage_only(early)
-            return with_reasons(early, [DISAGREE]) if self._contradicts else alone
+            return with_reasons(early, [DISAGREE]) if self._contradicts else self._first_stage_only(early, late)
         if not early.identifiable[0] or early.status == 'inconsistent' or self._second.disturbed:
             return late
         if not np.any(early.identifiable & late.identifiable):
             return late  # nothing in which they could agree or contradict each other
         return self._compared(early, late)
 
-    def _first_stage_only(self, early: Estimate) -> Estimate:
+    def _first_stage_only(self, early: Estimate, late: Estimate) -> Estimate:
         """Return the first stage's estimate, at first without numbers if they contradict the data or lack a twist.
 
         Neither stamps that are late nor velocities that lag are among its unknowns: ten milliseconds of either move its
         numbers by many standard deviations. Poses alone come from a camera with a clock of its own.
         """
-        if early.causes and early.causes[0][1] > _STRONG:
+        if late.contradicted:
             early = with_reasons(early, [UNSOLVED])
+        elif not early.identifiable.any() and not early.contradicted:
+            return late  # neither has numbers: the second says what it waits for
         self._doubted |= early.status == 'inconsistent'
         if not early.identifiable.any():
             return early

@@ -128,8 +128,8 @@ class _Intake:
         for topic, lasting in stamped.items():
             if lasting > 0.0 and not 1.0 / _BROKEN < self._arrivals[topic].span / lasting < _BROKEN:
                 within = self._arrivals[topic].span
-                units = (unit for times, unit in _UNITS if within > 0.0 and abs(lasting / within / times - 1.0) < _LIKE)
-                unit = ''.join(f', as if sec were {unit}' for unit in units)
+                likely = [unit for times, unit in _UNITS if abs(lasting - times * within) < _LIKE * times * within]
+                unit = f', as if sec were {likely[0]}' if likely else ''
                 self.warnings.append(
                     f'the messages on {topic} were recorded within {within:.3g} s, by their stamps they last '
                     f'{lasting:.3g} s{unit}: rates are by the stamps'

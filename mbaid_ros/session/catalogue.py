@@ -103,12 +103,12 @@ from mbaid_ros.parameters import build, values_of
 
 # Standard deviations of values set as exact, where a contradicted run is tried without them: s, rad or m; of a link.
 _EXACT, _EXACT_LINK = 2e-5, 1e-4
+_EXACT_MASS = 2e-4  # relative, of a link that is heavier throughout: a thousand times as much is a plausible error
 # Cause and warning of a contradicted run in which nothing may deviate.
 EXACT_ROBOT = (
     'by its parameters the robot is exactly its URDF, as only a simulated one is: leave known_links, known_joints and '
     'odometry_mount at their defaults, or set its uncertainty'
 )
-_EXACT_MASS = 2e-4  # relative, of a link that is heavier throughout: a thousand times as much is a plausible error
 
 
 def unknowns(config: EstimatorConfig, kernel: MomentumKernel) -> tuple[Unknown, ...]:
@@ -259,9 +259,14 @@ def suspects(kernel: MomentumKernel, sensors: Sequence[NamedSensor] = ()) -> tup
     )
 
 
-def inexact_robot(config: EstimatorConfig, kernel: MomentumKernel) -> Iterator[ConventionFactory]:
+def is_exact(config: EstimatorConfig, kernel: MomentumKernel) -> bool:
+    """Return whether nothing of a robot is declared uncertain."""
+    return not any(each.calibrated for each in unknowns(config, kernel))
+
+
+def inexact_robot(kernel: MomentumKernel, config: EstimatorConfig) -> Iterator[Convention]:
     """Yield, of a robot that is declared to be exactly its URDF, that it deviates as robots do by default."""
-    if any(each.calibrated for each in unknowns(config, kernel)):
+    if not is_exact(config, kernel):
         return
     names = [name for name in EXACT if name.partition('.')[0] in {'known_links', 'known_joints', 'odometry_mount'}]
     usual = values_of(EstimatorConfig())
@@ -270,7 +275,7 @@ def inexact_robot(config: EstimatorConfig, kernel: MomentumKernel) -> Iterator[C
     uncertain_kernel = kernel.with_errors(declared_errors(kernel, deviating.known_links))
     rest = tuple(each for each in unknowns(deviating, uncertain_kernel) if each.calibrated)
     repair = Repair('the robot deviates from its URDF', parameters)
-    yield lambda of: [Convention(EXACT_ROBOT, of, misfit_left=np.inf, repair=repair, rest=rest)]
+    yield Convention(EXACT_ROBOT, kernel, misfit_left=np.inf, repair=repair, rest=rest)
 
 
 def conventions(marker: PlacedFrame | None) -> tuple[ConventionFactory, ...]:

@@ -106,7 +106,7 @@ def _trajectory(
             adapt=_ADAPT and config.located,  # drifts show in poses only
         ),
         suspects=suspects(known.kernel, known.declared.sensors),
-        conventions=(*conventions(known.declared.marker), *inexact_robot(config, known.kernel)),
+        conventions=(*conventions(known.declared.marker), partial(inexact_robot, config=config)),
         located=config.located,
         orientation_measured=config.oriented,
         before=before,

@@ -43,7 +43,7 @@ from mbaid_ros.core.target import Debris, debris, described_prior
 from mbaid_ros.core.wheels import storage
 from mbaid_ros.errors import ModelError, ParameterError, listing
 from mbaid_ros.files import require_regular
-from mbaid_ros.session.catalogue import declaration
+from mbaid_ros.session.catalogue import declaration, is_exact
 
 _LEAST_STD = 1e-6  # least standard deviation of a number in its unit: exact beside others of the same unknown
 # Largest difference between the two files, which have 12 digits: of a body, relative to its typical size; of a joint's
@@ -340,8 +340,7 @@ class Robot:
     @cached_property
     def exact(self) -> bool:
         """Whether nothing of the robot is declared uncertain: fault isolation tries single causes, not many small."""
-        declared = declaration(self._config, self.kernel).unknowns
-        return self.known is None and not any(unknown.calibrated for unknown in declared)
+        return self.known is None and is_exact(self._config, self.kernel)
 
     @property
     def phase(self) -> CapturePhase:

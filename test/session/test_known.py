@@ -195,14 +195,14 @@ def test_a_robot_is_declared_exact_if_no_parameter_leaves_it_uncertain(
 ) -> None:
     config = build(EstimatorConfig, parameters)
     assert Robot(config, urdf('table1')).exact is exact
-    (convention,) = (each for factory in inexact_robot(config, ROBOT) for each in factory(ROBOT)) if exact else (None,)
-    assert len([*inexact_robot(config, ROBOT)]) == exact
-    if convention is not None:
+    found = [*inexact_robot(ROBOT, config)]
+    assert len(found) == exact
+    for convention in found:
         usual = {name: value for name, value in values_of(EstimatorConfig()).items() if name in EXACT}
         given = some(convention.repair).parameters
         assert given == {name: usual[name] for name in usual if name.startswith(('known_', 'odometry_mount'))}
-        found = {label.partition(':')[0] for unknown in convention.rest for label in unknown.labels}
-        assert {'link', 'zero', 'origin', 'axis'} < found
+        labels = {label.partition(':')[0] for unknown in convention.rest for label in unknown.labels}
+        assert {'link', 'zero', 'origin', 'axis'} < labels
 
 
 def test_the_mass_of_the_whole_robot_is_known_as_well_as_it_was_weighed() -> None:
