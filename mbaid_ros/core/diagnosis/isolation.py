@@ -378,7 +378,10 @@ class CandidateCauses:
             point = point_as_described(self.layout, candidate.windows)
             yield FITTED
         filtered = yield from attempted(candidate.passes.refined(candidate.windows, point, self.hypotheses[0]))
-        if filtered is None or (candidate.whole and not explains(filtered)):
+        if filtered is None:
+            return []
+        left = candidate.passes.contradicting(filtered.gaussian)
+        if candidate.whole and (left or not explains(filtered)):
             return []
         text = candidate.text if isinstance(candidate.text, str) else candidate.text(filtered)
         if text is None:
@@ -389,7 +392,7 @@ class CandidateCauses:
             if left_out or candidate.part < 1.0
             else filtered.gaussian.log_likelihood - base.log_likelihood
         )
-        gain = candidate.weight * (gain + contradicting - candidate.passes.contradicting(filtered.gaussian))
+        gain = candidate.weight * (gain + contradicting - left)
         gain -= candidate.less
         repair = candidate.repair_of(filtered) if gain > WORTH else None
         cause = CandidateCause(text, gain, of_twist=candidate.of_twist, repair=repair)
