@@ -28,6 +28,7 @@ _STEPS = np.array([1.0, 2.0, 5.0, 10.0])  # of specified standard deviations in 
 _RIVAL_SHARE, _RIVAL_GAIN = 0.02, 10.0
 # rad, deviation from which a wider prior is no repair: columns of small angles are wrong, another fault is likely.
 _LARGEST_ANGLE = 0.5
+_VARYING = {'disturbance.torque_std', 'disturbance.force_std'}  # of a force that varies
 _MOST_RIVALS = 3  # causes of one repair: if more of them are as likely, nothing is known of the cause
 
 
@@ -184,6 +185,10 @@ class Repair:
         of_twist = other.conversion == Conversion(with_twist=False)
         return of_twist and self.conversion is not None and self.conversion.of_poses
 
+    def replaces_force(self, other: Repair) -> bool:
+        """Return whether it is a conversion, and the other a force that varies: it follows whatever is wrong."""
+        return self.conversion is not None and not _VARYING.isdisjoint(other.parameters or {})
+
     @property
     def how(self) -> str:
         """The declaration or conversion, in words."""
@@ -215,7 +220,8 @@ class Repair:
 
 def joined(repairs: Sequence[Repair], further: Repair) -> tuple[Repair, ...]:
     """Return repairs with a further one, and without those that only its cause had called for."""
-    return (*(each for each in repairs if not further.corrects_twist(each)), further)
+    left = (each for each in repairs if not (further.corrects_twist(each) or further.replaces_force(each)))
+    return (*left, further)
 
 
 def shown(value: Setting) -> str:

@@ -248,6 +248,17 @@ def test_a_twist_left_out_for_poses_that_were_wrong_is_no_repair_any_more() -> N
     assert joined([poses], twist) == (poses, twist)
 
 
+@pytest.mark.parametrize('of', ['torque', 'force'])
+def test_a_force_that_varies_is_no_repair_beside_readings_that_were_wrong(of: str) -> None:
+    varying = Repair('drift', {f'disturbance.{of}_std': 5.0})
+    constant = Repair('leak', {'disturbance.constant': 'body'})
+    sign = Repair('sign', conversion=Conversion({'elbow': -1.0}))
+    zero = Repair('zero', {'known_joints.zero_std': 0.1})
+    assert joined([varying, constant], sign) == (constant, sign)
+    assert joined([varying], zero) == (varying, zero)
+    assert joined([sign], varying) == (sign, varying)
+
+
 def test_times_of_a_repair_count_from_the_first_sample() -> None:
     jump = Repair('jump', conversion=Conversion(steps=(('elbow', 35 * 10**9, 0.1),)), since=35.0)
     counted = jump.since_sample(30 * 10**9)

@@ -122,6 +122,19 @@ def test_a_robot_that_is_declared_exact_deviates_as_robots_do() -> None:
     assert np.max(np.abs((last.parameters - truth) / last.std)[known]) < 4.0
 
 
+@pytest.mark.long
+def test_a_force_that_was_taken_for_signs_goes_with_them() -> None:
+    given = messages('sinusoids of the shipped robot', 40.0)
+    for topic, message in given:
+        if topic == 'joint_states':
+            message.position = np.asarray(message.position) * [-1.0, -1.0, 1.0, -1.0, -1.0, -1.0, -1.0]
+            message.velocity = np.asarray(message.velocity) * [-1.0, -1.0, 1.0, -1.0, -1.0, -1.0, -1.0]
+    last = replayed(started(repair=True), given)[-1]
+    (repair,) = last.repairs
+    assert repair.cause.startswith('the signs of joint1, joint2, joint4, joint5, joint6, joint7 are wrong')
+    assert last.status == 'estimating'
+
+
 def test_a_run_without_a_contradiction_is_the_same_with_repair() -> None:
     given = messages('sinusoids of the shipped robot', 8.0)
     plain, asked = replayed(started(), given), replayed(started(repair=True), given)

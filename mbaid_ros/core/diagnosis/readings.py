@@ -34,6 +34,7 @@ _MOST_JOINTS = 7  # up to which all orders (5,040) and signs (128) are tried: a 
 _ZEROS = np.deg2rad(np.arange(30.0, 360.0, 30.0))  # rad, from the nearest of which the search converges
 _GEARS = (0.5, 2.0 / 3.0, 1.5, 2.0, 3.0, 1.0 / 3.0)  # that are tried
 _MOST_GEARS = 3  # that are found: more of them explain anything
+_MOST_ZEROS = 3  # that are found without a look at all columns and signs, for the same reason
 _MOST_GEAR = 4.0  # times, that joints are read too large or too small by at most: further ones explain by not moving
 _REFINED, _WITH_GEARS = 64, 6  # meanings that are refined: their zeros, and their gears as well
 _FEWEST = 12  # windows: fewer have hardly more numbers than the search has unknowns
@@ -366,9 +367,10 @@ def joint_meaning(kernel: MomentumKernel, windows: Sequence[Window]) -> Work[Mea
     discrete = read > _DISCRETE * motion.moved
     found = yield from _accepted(motion, every, one[: _REFINED if discrete else _WITH_GEARS], joints)
     found = found or (yield from _accepted(motion, every, [(read, as_read(joints))], 2 * joints))
-    if found is None and discrete:
+    if discrete and (found is None or np.count_nonzero(found.zeros) > _MOST_ZEROS):
         several = sorted((yield from motion.misfits(combined(joints))), key=_misfit)
-        found = yield from _accepted(motion, every, several[:_REFINED], joints)
+        fewer = yield from _accepted(motion, every, several[:_REFINED], joints)
+        found = found if fewer is None else fewer
         one = sorted([*one, *several[:_REFINED]], key=_misfit)
     return found or (yield from _accepted(motion, every, one[:_WITH_GEARS], 2 * joints))
 

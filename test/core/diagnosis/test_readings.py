@@ -100,6 +100,12 @@ def test_several_wrong_joints_are_named_together_and_undone(
     assert found.repair is not None
 
 
+def test_signs_come_before_zeros_of_nearly_all_joints() -> None:
+    few = read_as(gains=dict.fromkeys((0, 1, 3, 4, 5, 6), -1.0))[:24]
+    (found,) = returned(mapped_joints(kernel('servicer7'), few))
+    assert found.text.startswith('the signs of joint1, joint2, joint4,')
+
+
 def test_joints_as_they_are_meant_are_not_mapped() -> None:
     assert returned(mapped_joints(kernel('servicer7'), windows())) == []
 
