@@ -273,6 +273,11 @@ def wider_prior(cause: str, parameter: str, value: Array, std: Array, unit: str 
     return Repair(cause, {parameter: wider}, value=numbers(value), std=numbers(std), unit=unit)
 
 
+def as_likely(gain: float) -> float:
+    """Return the gain from which a cause is as likely as one with this gain: the data do not distinguish them."""
+    return gain - max(_RIVAL_GAIN, _RIVAL_SHARE * gain)
+
+
 def leading_repair(
     causes: Sequence[tuple[str, float]], remedies: Mapping[str, Repair], *, several: bool = True
 ) -> Repair | None:
@@ -289,7 +294,7 @@ def leading_repair(
     """
     if not causes:
         return None
-    least = causes[0][1] - max(_RIVAL_GAIN, _RIVAL_SHARE * causes[0][1])
+    least = as_likely(causes[0][1])
     texts = [text for text, gain in causes if gain >= least]
     found = [remedies[text] for text in texts if text in remedies and remedies[text].plausible]
     if len(found) < len(texts) or len(found) > _MOST_RIVALS:

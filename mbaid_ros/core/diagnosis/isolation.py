@@ -35,7 +35,7 @@ from mbaid_ros.core.joints.model import tracking_repair
 from mbaid_ros.core.odometry.faults import twist_check, vibration_frequencies
 from mbaid_ros.core.odometry.model import OF_TWIST, marker_text, vibration
 from mbaid_ros.core.passive import swinging_text
-from mbaid_ros.core.repair import Conversion, Repair, widened
+from mbaid_ros.core.repair import Conversion, Repair, as_likely, widened
 from mbaid_ros.core.results.estimate import PULSE
 from mbaid_ros.core.results.innovations import BASE_SENSORS, Innovations
 from mbaid_ros.core.results.verdict import FOUND_NOISE, LARGEST_NIS, Cause, too_small
@@ -70,6 +70,7 @@ _PROCESS_LEVELS, _PROCESS_TIMES = (1e-5, 1e-4, 1e-3), (1.0, 10.0, 100.0)
 _ROUGHER = 0.1
 _LEFT = 0.1  # of the misfit, that the likeliest cause leaves, for more to be looked for: less may be linearisation
 _LIGHTER = 1.5  # times its mass, that a link may look lighter by: noise may make it more than all
+_LINK_KINDS = {'link', 'density'}  # labels of any error of a link, and of one that is heavier throughout
 FEWEST = 4  # windows that have to be left: fewer have hardly more numbers (six each) than body and momentum, sixteen
 _FIRST = 24  # windows before the first search: fewer do not discriminate causes
 _AFTER_A_JUMP = 1 + SLIPPING + FEWEST  # windows since a jump that may be a change of the target: enough to see it
@@ -104,6 +105,7 @@ class CandidateCause:
     of_twist: bool = False  # whether it is something wrong with the base's twist, which poses can do without
     vibrates: bool = False  # whether something swings at one frequency
     repair: Repair | None = None  # how a run takes it into account; None where it cannot
+    link: str = ''  # name of a link that is not as described
 
 
 @dataclass(frozen=True)
@@ -166,6 +168,16 @@ def candidate_cause(
     return CandidateCause(text, filtered.gaussian.log_likelihood - base.log_likelihood, repair=repair)
 
 
+def with_links_as_likely(found: Sequence[CandidateCause]) -> list[CandidateCause]:
+    """Return causes; the likeliest of links that are not as described names those that explain the data as well."""
+    links = sorted((each for each in found if each.link), key=lambda each: -each.gain)
+    others = ', '.join(each.link for each in links[1:] if each.gain >= as_likely(links[0].gain))
+    if not others:
+        return list(found)
+    text = f'{links[0].text}; as likely: {others}'
+    return [replace(each, text=text) if each is links[0] else each for each in found]
+
+
 def likeliest_kinds(gains: Mapping[str, float]) -> list[str]:
     """Return the causes that are worth a pass of their own, the likeliest first."""
     found: list[str] = []
@@ -173,7 +185,7 @@ def likeliest_kinds(gains: Mapping[str, float]) -> list[str]:
     links: set[str] = set()
     for cause in sorted(gains, key=lambda each: -gains[each]):
         kind, _, name = cause.partition(':')
-        if kind in {'link', 'density'}:  # the likelier of a link that is heavier throughout, and one with any error
+        if kind in _LINK_KINDS:  # the likelier of a link that is heavier throughout, and one with any error
             kind = 'link'
             if name in links:
                 continue
@@ -208,6 +220,12 @@ class Candidate:
     whole: bool = False  # whether it is none where it leaves anything unexplained: its gain may be that of iterating
     # How a run takes it into account; or the label of the unknown that knows.
     repair: Repair | str | None = None
+
+    @property
+    def link(self) -> str:
+        """Name of the link that is not as described; empty where it is something else."""
+        kind, _, name = self.repair.partition(':') if isinstance(self.repair, str) else ('', '', '')
+        return name if kind in _LINK_KINDS else ''
 
     def repair_of(self, filtered: HypothesisFilter) -> Repair | None:
         """Return how a run takes it into account, given the filter at the end; None where it cannot."""
@@ -267,6 +285,7 @@ class CandidateCauses:
         )
         for candidate in candidates:
             found += yield from self._scored(candidate, base, contradicting)
+        found = with_links_as_likely(found)
         for hypothesis in self.hypotheses[1:]:
             filtered = yield from wide.filtered(passed, hypothesis)
             cause = candidate_cause(hypothesis.cause, filtered, base, hypothesis.repair)
@@ -396,7 +415,7 @@ class CandidateCauses:
         gain -= candidate.less
         repair = candidate.repair_of(filtered) if gain > WORTH else None
         cause = CandidateCause(text, gain, of_twist=candidate.of_twist, repair=repair)
-        return [replace(cause, vibrates=candidate.vibrates)]
+        return [replace(cause, vibrates=candidate.vibrates, link=candidate.link)]
 
     def _target_changes(
         self, windows: Sequence[Window], point: Point, times: Sequence[float], base: SquareRootInformation

@@ -17,6 +17,7 @@ from mbaid_ros.core.diagnosis.isolation import (
     explains,
     likeliest_kinds,
     ranked,
+    with_links_as_likely,
 )
 from mbaid_ros.core.repair import Conversion, Repair
 from mbaid_ros.core.results.innovations import BASE_SENSORS, Innovations
@@ -63,6 +64,7 @@ def candidate(
     part: float = 1.0,
     text: Any = 'the thing',
     contradicting: tuple[float, float] = (0.0, 0.0),
+    nis: float = 100.0,
     **changes: Any,
 ) -> list[CandidateCause]:
     """Return the causes that a candidate makes whose pass has a misfit of 30, and a log-likelihood of -130.
@@ -75,7 +77,7 @@ def candidate(
         yield 1
         if windows < 0:
             raise np.linalg.LinAlgError
-        return SimpleNamespace(gaussian=gaussian(30.0, -130.0))
+        return SimpleNamespace(gaussian=SimpleNamespace(misfit=30.0, log_likelihood=-130.0, nis=nis, measured=100))
 
     passes: Any = SimpleNamespace(refined=refined, contradicting=lambda _: contradicting[1])
     point: Any = 'a point'
@@ -101,6 +103,31 @@ def test_what_a_candidate_gains(part: float, gain: float) -> None:
 
 def test_a_candidate_gains_what_it_explains_of_unknowns_that_contradict_the_model() -> None:
     assert candidate(FEWEST, contradicting=(40.0, 15.0))[0].gain == 70.0 + 25.0
+
+
+def test_a_candidate_that_has_to_explain_the_whole_leaves_no_unknown_that_contradicts_the_model() -> None:
+    assert candidate(FEWEST, contradicting=(40.0, 0.0), whole=True)[0].gain == 70.0 + 40.0
+    assert candidate(FEWEST, contradicting=(40.0, 15.0), whole=True) == []
+    assert candidate(FEWEST, nis=1000.0, whole=True) == []
+    assert candidate(FEWEST, nis=1000.0)
+
+
+def test_a_link_names_those_that_explain_the_data_as_well() -> None:
+    rows = [('a panel', 45.0, ''), ('elbow', 40.0, 'elbow'), ('wrist', 31.0, 'wrist'), ('hand', 30.0, 'hand')]
+    found = [CandidateCause(text, gain, link=link) for text, gain, link in (*rows, ('base', 29.0, 'base'))]
+    said = {each.link: each.text for each in with_links_as_likely(found)}
+    others = {name: name for name in ('wrist', 'hand', 'base')}
+    assert said == {'': 'a panel', 'elbow': 'elbow; as likely: wrist, hand', **others}
+    assert with_links_as_likely(found[:2]) == found[:2]
+    assert with_links_as_likely([found[1], found[4]]) == [found[1], found[4]]
+
+
+@pytest.mark.parametrize(
+    ('label', 'link'), [('link:elbow', 'elbow'), ('density:elbow', 'elbow'), ('lag:elbow', ''), (None, '')]
+)
+def test_a_candidate_of_a_link_knows_its_name(label: str | None, link: str) -> None:
+    passes: Any = SimpleNamespace(repair=lambda *_: None)
+    assert Candidate('', passes, [], repair=label).link == link
 
 
 def test_a_candidate_gains_less_by_its_weight_and_by_what_chance_would_gain() -> None:
