@@ -180,6 +180,11 @@ class Repair:
         """Whether it leaves out a sensor by name."""
         return self.conversion is None and bool(self.parameters) and not any((self.parameters or {}).values())
 
+    @property
+    def rescales(self) -> bool:
+        """Whether it takes positions for those in another unit."""
+        return self.conversion is not None and self.conversion.scale != 1.0
+
     def corrects_twist(self, other: Repair) -> bool:
         """Return whether it converts the poses that the twist, which the other leaves out, seems to contradict."""
         of_twist = other.conversion == Conversion(with_twist=False)
@@ -294,8 +299,11 @@ def leading_repair(
     """
     if not causes:
         return None
-    least = as_likely(causes[0][1])
-    texts = [text for text, gain in causes if gain >= least]
+    first, most = causes[0]
+    units = {text for text, _ in causes if text in remedies and remedies[text].rescales}
+    # Of several units one is right, and each of them explains most of what it does.
+    far = units if first in units else set()
+    texts = [text for text, gain in causes if gain >= (most - _RIVAL_GAIN if text in far else as_likely(most))]
     found = [remedies[text] for text in texts if text in remedies and remedies[text].plausible]
     if len(found) < len(texts) or len(found) > _MOST_RIVALS:
         return None

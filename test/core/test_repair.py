@@ -207,6 +207,16 @@ def test_causes_that_are_as_likely_are_repaired_together_or_not_at_all() -> None
     assert leading_repair([('zero', 1000.0), ('unknown', 995.0)], remedies) is None
 
 
+def test_the_likelier_of_two_units_is_the_repair() -> None:
+    inches, feet = (Repair(f'{each}', conversion=Conversion(scale=each)) for each in (0.0254, 0.3048))
+    remedies = {'inches': inches, 'feet': feet, 'sign': SIGN}
+    assert leading_repair([('inches', 1e5), ('feet', 1e5 - 11.0)], remedies) is inches
+    assert leading_repair([('inches', 1e5), ('feet', 1e5 - 9.0)], remedies) is None
+    assert leading_repair([('inches', 1e5), ('sign', 1e5 - 11.0)], remedies) is None
+    assert leading_repair([('sign', 1e5), ('inches', 1e5 - 11.0)], remedies) is None
+    assert leading_repair([('inches', 1e5), ('unknown', 1e5 - 11.0)], remedies) is None
+
+
 def test_a_unit_of_the_description_goes_with_wider_priors_of_as_likely_causes() -> None:
     causes = [('grams', 1000.0), ('zero', 995.0)]
     both = leading_repair(causes, {'grams': GRAMS, 'zero': ZERO})

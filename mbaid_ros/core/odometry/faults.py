@@ -512,7 +512,7 @@ class CoarsePositions:
 
 
 def mistaken_poses(kernel: MomentumKernel) -> Iterator[Convention]:
-    """Yield inverse orientations, inverse poses, quaternions with w first, and positions in millimetres."""
+    """Yield inverse orientations, inverse poses, quaternions with w first, and positions in a smaller unit."""
     for text, pose, far, meaning in _POSES:
         yield replace(_posed(text, kernel, pose, base_range=far), repair=converted(text, meaning))
     repair = converted(_TURNED_ROUND, Conversion(pose='turned round'))
@@ -566,6 +566,10 @@ def _scalar_first(knots: Knots) -> Knots:
     return replace(knots, base_rotation=rotation_from_quaternion(np.roll(quaternion, -1, axis=-1)))
 
 
+def _scaled(knots: Knots, scale: float) -> Knots:
+    return replace(knots, base_position=scale * knots.base_position)
+
+
 MILLIMETRES = 'the position of the odometry is in millimetres: in ROS it is in metres'
 _POSES: tuple[tuple[str, Callable[[Knots], Knots], float, Conversion], ...] = (
     (
@@ -580,11 +584,15 @@ _POSES: tuple[tuple[str, Callable[[Knots], Knots], float, Conversion], ...] = (
         0.0,
         Conversion(pose='w first'),
     ),
-    (
-        MILLIMETRES,
-        lambda knots: replace(knots, base_position=_MILLIMETRE * knots.base_position),
-        _FAR_BASE,
-        Conversion(scale=_MILLIMETRE),
+    # Few windows do not show a scale, and one of these explains positions in another of them nearly as well.
+    *(
+        (
+            f'the position of the odometry is in {unit}: in ROS it is in metres',
+            partial(_scaled, scale=scale),
+            _FAR_BASE * _MILLIMETRE / scale,
+            Conversion(scale=scale),
+        )
+        for unit, scale in (('millimetres', _MILLIMETRE), ('centimetres', 0.01), ('inches', 0.0254))
     ),
 )
 

@@ -15,7 +15,7 @@ from mbaid_ros.core.contracts import Convention
 from mbaid_ros.core.diagnosis.passes import fitted
 from mbaid_ros.core.geometry import Array, cross, exp, rotate, rotate_back, rotation_from_quaternion, vec
 from mbaid_ros.core.links import _density, mistaken_tensors
-from mbaid_ros.core.odometry.faults import RateMotion, axis_conventions, twist_check
+from mbaid_ros.core.odometry.faults import RateMotion, axis_conventions, mistaken_poses, twist_check
 from mbaid_ros.core.odometry.stream import AttachedFrame
 from mbaid_ros.core.repair import Conversion
 from mbaid_ros.core.robot.body import physical, standard
@@ -62,6 +62,25 @@ def test_positions_in_other_axes_are_named(axes: list[list[int]], named: str) ->
     samples = measured()
     changed = replace(samples, base_position=samples.base_position @ np.array(axes, dtype=float).T)
     assert texts(changed)[0].startswith(f'the positions of the odometry are {named} in the axes')
+
+
+@pytest.mark.parametrize(('unit', 'metres'), [('millimetres', 1e-3), ('centimetres', 0.01), ('inches', 0.0254)])
+def test_few_windows_are_tried_in_each_smaller_unit(unit: str, metres: float) -> None:
+    true, robot = half_second_windows(measured())[:24], kernel('servicer7')
+    unit_of = next(each for each in mistaken_poses(robot) if f' in {unit}:' in each.text)
+    read, near = (
+        [
+            replace(each, knots=replace(each.knots, base_position=far * each.knots.base_position / metres))
+            for each in true
+        ]
+        for far in (1.0, 0.003)
+    )
+    assert unit_of.possible(read)
+    assert not unit_of.possible(near)
+    meant = unit_of.windows(read)[-1].knots.base_position
+    assert meant == pytest.approx(true[-1].knots.base_position, rel=1e-12)
+    assert unit_of.repair is not None
+    assert unit_of.repair.conversion == Conversion(scale=metres)
 
 
 @pytest.mark.parametrize(
