@@ -301,9 +301,9 @@ def leading_repair(
         return None
     first, most = causes[0]
     units = {text for text, _ in causes if text in remedies and remedies[text].rescales}
-    # Of several units one is right, and each of them explains most of what it does.
-    far = units if first in units else set()
-    texts = [text for text, gain in causes if gain >= (most - _RIVAL_GAIN if text in far else as_likely(most))]
+    # Of several units one is right, though each explains most of what that does.
+    others = units - {first} if first in units else set()
+    texts = [text for text, gain in causes if gain >= (most - _RIVAL_GAIN if text in others else as_likely(most))]
     found = [remedies[text] for text in texts if text in remedies and remedies[text].plausible]
     if len(found) < len(texts) or len(found) > _MOST_RIVALS:
         return None

@@ -170,7 +170,7 @@ def candidate_cause(
 
 def with_links_as_likely(found: Sequence[CandidateCause]) -> list[CandidateCause]:
     """Return causes; the likeliest of links that are not as described names those that explain the data as well."""
-    links = sorted((each for each in found if each.link), key=lambda each: -each.gain)
+    links = sorted((each for each in found if each.link and each.gain > WORTH), key=lambda each: -each.gain)
     others = ', '.join(each.link for each in links[1:] if each.gain >= as_likely(links[0].gain))
     if not others:
         return list(found)

@@ -19,7 +19,15 @@ from mbaid_ros.core.clocks import restamped
 from mbaid_ros.core.contracts import RIGHT, Convention, PlacedFrame, converted, stacked
 from mbaid_ros.core.geometry import Array, Flags, Integers, exp, log, skew
 from mbaid_ros.core.joints.model import joint_placements
-from mbaid_ros.core.odometry.faults import AWAY, TURNED, mirrored, mounted_windows, other_frame_text, turned_round
+from mbaid_ros.core.odometry.faults import (
+    AWAY,
+    IN_UNIT,
+    TURNED,
+    mirrored,
+    mounted_windows,
+    other_frame_text,
+    turned_round,
+)
 from mbaid_ros.core.odometry.model import odometry_mount, odometry_scale
 from mbaid_ros.core.repair import Conversion, PoseMeaning, Repair, Setting
 from mbaid_ros.core.robot.momentum import MomentumKernel, inertia_matrix
@@ -483,7 +491,7 @@ def scaled_positions(kernel: MomentumKernel, windows: Sequence[Window]) -> Work[
     if scale == 1.0 or not (long or (named and abs(np.log(scale)) > _FAR)):
         return []
     if named:
-        text = f'the position of the odometry is in {_UNITS[nearest]}: in ROS it is in metres'
+        text = IN_UNIT.format(_UNITS[nearest])
     else:
         times = f'{1.0 / scale:.2g} times too large' if scale < 1.0 else f'{scale:.2g} times too small'
         text = (

@@ -570,7 +570,8 @@ def _scaled(knots: Knots, scale: float) -> Knots:
     return replace(knots, base_position=scale * knots.base_position)
 
 
-MILLIMETRES = 'the position of the odometry is in millimetres: in ROS it is in metres'
+IN_UNIT = 'the position of the odometry is in {}: in ROS it is in metres'
+MILLIMETRES = IN_UNIT.format('millimetres')
 _POSES: tuple[tuple[str, Callable[[Knots], Knots], float, Conversion], ...] = (
     (
         'the orientation of the odometry is the inverse: in ROS it rotates from the base to the odometry frame',
@@ -587,7 +588,7 @@ _POSES: tuple[tuple[str, Callable[[Knots], Knots], float, Conversion], ...] = (
     # Few windows do not show a scale, and one of these explains positions in another of them nearly as well.
     *(
         (
-            f'the position of the odometry is in {unit}: in ROS it is in metres',
+            IN_UNIT.format(unit),
             partial(_scaled, scale=scale),
             _FAR_BASE * _MILLIMETRE / scale,
             Conversion(scale=scale),

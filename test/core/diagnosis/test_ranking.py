@@ -119,6 +119,8 @@ def test_a_link_names_those_that_explain_the_data_as_well() -> None:
     others = {name: name for name in ('wrist', 'hand', 'base')}
     assert said == {'': 'a panel', 'elbow': 'elbow; as likely: wrist, hand', **others}
     assert with_links_as_likely(found[:2]) == found[:2]
+    weak = [CandidateCause('elbow', 12.0, link='elbow'), CandidateCause('wrist', 9.0, link='wrist')]
+    assert with_links_as_likely(weak) == weak
     assert with_links_as_likely([found[1], found[4]]) == [found[1], found[4]]
 
 
