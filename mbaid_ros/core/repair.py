@@ -191,7 +191,7 @@ class Repair:
         return of_twist and self.conversion is not None and self.conversion.of_poses
 
     def replaces_force(self, other: Repair) -> bool:
-        """Return whether it is a conversion, and the other a force that varies: it follows whatever is wrong."""
+        """Return whether it is a conversion, and the other a force that varies, which follows any fault."""
         return self.conversion is not None and not _VARYING.isdisjoint(other.parameters or {})
 
     @property
