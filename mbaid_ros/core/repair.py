@@ -301,7 +301,7 @@ def leading_repair(
         return None
     first, most = causes[0]
     units = {text for text, _ in causes if text in remedies and remedies[text].rescales}
-    # Of several units one is right, though each explains most of what that does.
+    # Of several units one is right, though each explains nearly as much.
     others = units - {first} if first in units else set()
     texts = [text for text, gain in causes if gain >= (most - _RIVAL_GAIN if text in others else as_likely(most))]
     found = [remedies[text] for text in texts if text in remedies and remedies[text].plausible]

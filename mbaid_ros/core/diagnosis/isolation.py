@@ -414,8 +414,16 @@ class CandidateCauses:
         gain = candidate.weight * (gain + contradicting - left)
         gain -= candidate.less
         repair = candidate.repair_of(filtered) if gain > WORTH else None
-        cause = CandidateCause(text, gain, of_twist=candidate.of_twist, repair=repair)
-        return [replace(cause, vibrates=candidate.vibrates, link=candidate.link)]
+        return [
+            CandidateCause(
+                text,
+                gain,
+                of_twist=candidate.of_twist,
+                vibrates=candidate.vibrates,
+                repair=repair,
+                link=candidate.link,
+            )
+        ]
 
     def _target_changes(
         self, windows: Sequence[Window], point: Point, times: Sequence[float], base: SquareRootInformation

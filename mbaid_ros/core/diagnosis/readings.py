@@ -22,10 +22,12 @@ from mbaid_ros.core.joints.model import joint_placements
 from mbaid_ros.core.odometry.faults import (
     AWAY,
     IN_UNIT,
+    SMALLER_UNITS,
     TURNED,
     mirrored,
     mounted_windows,
     other_frame_text,
+    rescaled,
     turned_round,
 )
 from mbaid_ros.core.odometry.model import odometry_mount, odometry_scale
@@ -63,7 +65,7 @@ _ZERO_LEFT = 0.01  # rad, standard deviation of the rest of a zero that is found
 _MOUNT_LEFT, _SCALE_LEFT = (0.05, 0.01), 0.1
 # m in a unit of the positions: from the nearest the search for a scale converges
 _SCALES = (1e-3, 2e-3, 5e-3, 0.01, 0.0254, 0.05, 0.1, 0.2, 0.3048, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0, 10.0, 100.0, 1e3)
-_UNITS = {1e-3: 'millimetres', 0.01: 'centimetres', 0.0254: 'inches', 0.3048: 'feet', 1.0: 'metres', 1e3: 'kilometres'}
+_UNITS = SMALLER_UNITS | {0.3048: 'feet', 1.0: 'metres', 1e3: 'kilometres'}
 _FEWEST_FOR_SCALE = 40  # windows: a scale by fewer may be off by half
 # Relative, of a scale by many windows and by few: inches are 2.5 centimetres; and of a unit that few windows show.
 _SAME_UNIT, _ROUGHLY, _FAR = 0.15, 0.46, 3.0
@@ -500,7 +502,7 @@ def scaled_positions(kernel: MomentumKernel, windows: Sequence[Window]) -> Work[
         )
     rest = {'odometry.scale_std': _SCALE_LEFT}
     repair = Repair(text.partition(':')[0], None if named else rest, Conversion(scale=scale))
-    change = partial(_rescaled, scale=scale)
+    change = partial(rescaled, scale=scale)
     return [Convention(text, kernel, change, repair=repair, rest=() if named else (odometry_scale(_SCALE_LEFT),))]
 
 
@@ -536,13 +538,6 @@ def joints_by_another_clock(kernel: MomentumKernel, windows: Sequence[Window]) -
     )
     change = partial(restamped, rate=best)
     return [Convention(text, kernel, change, repair=converted(text, Conversion(clock=best)))]
-
-
-def _rescaled(windows: Sequence[Window], scale: float) -> list[Window]:
-    return [
-        replace(each, knots=replace(each.knots, base_position=scale * each.knots.base_position))
-        for each in map(without_twist, windows)
-    ]
 
 
 def _meant(windows: Sequence[Window], meaning: Meaning) -> list[Window]:

@@ -513,8 +513,13 @@ class CoarsePositions:
 
 def mistaken_poses(kernel: MomentumKernel) -> Iterator[Convention]:
     """Yield inverse orientations, inverse poses, quaternions with w first, and positions in a smaller unit."""
-    for text, pose, far, meaning in _POSES:
-        yield replace(_posed(text, kernel, pose, base_range=far), repair=converted(text, meaning))
+    for text, pose, meaning in _POSES:
+        yield replace(_posed(text, kernel, pose), repair=converted(text, meaning))
+    # Few windows do not show a scale, and one of these explains positions in another of them nearly as well.
+    for scale, unit in SMALLER_UNITS.items():
+        text, far = IN_UNIT.format(unit), _FAR_BASE * _MILLIMETRE / scale
+        repair = converted(text, Conversion(scale=scale))
+        yield Convention(text, kernel, partial(rescaled, scale=scale), base_range=far, repair=repair)
     repair = converted(_TURNED_ROUND, Conversion(pose='turned round'))
     yield Convention(_TURNED_ROUND, kernel, turned_round, repair=repair)
     for axis, meaning in enumerate(_MIRRORS):
@@ -532,6 +537,14 @@ def turned_round(windows: Sequence[Window]) -> list[Window]:
         knots = replace(window.knots, base_rotation=back, base_position=position - first)
         found.append(replace(window, knots=knots))
     return found
+
+
+def rescaled(windows: Sequence[Window], scale: float) -> list[Window]:
+    """Return windows whose positions are in a unit of so many metres, without their twist."""
+    return [
+        replace(each, knots=replace(each.knots, base_position=scale * each.knots.base_position))
+        for each in map(without_twist, windows)
+    ]
 
 
 def mirrored(windows: Sequence[Window], axis: int = 1) -> list[Window]:
@@ -566,47 +579,30 @@ def _scalar_first(knots: Knots) -> Knots:
     return replace(knots, base_rotation=rotation_from_quaternion(np.roll(quaternion, -1, axis=-1)))
 
 
-def _scaled(knots: Knots, scale: float) -> Knots:
-    return replace(knots, base_position=scale * knots.base_position)
-
-
+SMALLER_UNITS = {_MILLIMETRE: 'millimetres', 0.01: 'centimetres', 0.0254: 'inches'}  # by their length, m
 IN_UNIT = 'the position of the odometry is in {}: in ROS it is in metres'
 MILLIMETRES = IN_UNIT.format('millimetres')
-_POSES: tuple[tuple[str, Callable[[Knots], Knots], float, Conversion], ...] = (
+_POSES: tuple[tuple[str, Callable[[Knots], Knots], Conversion], ...] = (
     (
         'the orientation of the odometry is the inverse: in ROS it rotates from the base to the odometry frame',
         lambda knots: replace(knots, base_rotation=np.swapaxes(knots.base_rotation, -1, -2)),
-        0.0,
         Conversion(pose='inverse'),
     ),
     (
         'the quaternion of the odometry has its w first: in ROS it is x, y, z, w',
         _scalar_first,
-        0.0,
         Conversion(pose='w first'),
-    ),
-    # Few windows do not show a scale, and one of these explains positions in another of them nearly as well.
-    *(
-        (
-            IN_UNIT.format(unit),
-            partial(_scaled, scale=scale),
-            _FAR_BASE * _MILLIMETRE / scale,
-            Conversion(scale=scale),
-        )
-        for unit, scale in (('millimetres', _MILLIMETRE), ('centimetres', 0.01), ('inches', 0.0254))
     ),
 )
 
 
-def _posed(
-    text: str, kernel: MomentumKernel, change: Callable[[Knots], Knots], base_range: float = 0.0, left: float = LEFT
-) -> Convention:
+def _posed(text: str, kernel: MomentumKernel, change: Callable[[Knots], Knots], left: float = LEFT) -> Convention:
     """Return a convention of the poses; a twist is in the axes of poses as they were read, and left out."""
 
     def changed(windows: Sequence[Window]) -> list[Window]:
         return [replace(each, knots=change(each.knots)) for each in map(without_twist, windows)]
 
-    return Convention(text, kernel, changed, base_range=base_range, misfit_left=left)
+    return Convention(text, kernel, changed, misfit_left=left)
 
 
 def inverted_marker(kernel: MomentumKernel, marker: PlacedFrame | None) -> Iterator[Convention]:

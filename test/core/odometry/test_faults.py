@@ -39,7 +39,7 @@ def test_steps_and_rates_differ_by_as_much_as_their_noise() -> None:
 
 @pytest.mark.parametrize('of_joints', [0.0, np.nan])
 @pytest.mark.parametrize('of_base', [0.0, np.nan])
-def test_steps_are_compared_with_the_twist_if_there_is_one_whatever_the_joints_have(
+def test_steps_are_compared_with_the_twist_if_there_is_one_with_or_without_rates_of_joints(
     of_joints: float, of_base: float
 ) -> None:
     count = 25
